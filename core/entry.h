@@ -1,0 +1,37 @@
+// How the entries of materials.def and lights.def describe themselves: a name, a sentence, and a
+// table of parameters from which the schema, the checks and the documentation are made.
+#pragma once
+#include "types.h"
+
+namespace parhelion {
+
+// size 1 is a number, 3 a colour or a direction. Each value must lie in [low, high].
+struct ParamInfo {
+  const char* name;
+  int size;
+  float preset[3];
+  float low, high;
+  const char* doc;
+};
+
+// The parameters of one entry as plain floats, in the order of its table.
+inline constexpr int kBlockFloats = 15;
+struct ParamBlock {
+  u32 kind;
+  float value[kBlockFloats];
+};
+
+}  // namespace parhelion
+
+namespace parhelion::PH_ISA {
+
+// The entry's own struct from its block.
+template <class Entry>
+PH_INLINE Entry from_block(const ParamBlock& block) {
+  static_assert(sizeof(Entry) <= sizeof(block.value));
+  Entry entry;
+  __builtin_memcpy(&entry, block.value, sizeof(Entry));
+  return entry;
+}
+
+}  // namespace parhelion::PH_ISA

@@ -1,0 +1,60 @@
+// The sum of a pixel's samples, exact.
+//
+// A sample is added as an integer count of 2^-52, in two words, so addition is associative: any
+// split of the samples over threads, machines, passes or restarts gives the same bits.
+#pragma once
+#include "math.h"
+
+namespace parhelion {
+
+// high counts 2^-12 and low counts 2^-52, below 2^40 a sample: 2^23 samples fit before low must be
+// carried over. Radiance beyond kLargest is cut to it.
+struct FilmSum {
+  i64 high, low;
+};
+
+struct FilmPixel {
+  FilmSum rgb[3];
+  u32 count;
+  u32 bad;  // samples that were not finite, left out of the sum and counted as black
+};
+
+}  // namespace parhelion
+
+namespace parhelion::PH_ISA {
+
+inline constexpr float kLargest = 0x1p40f;
+
+PH_INLINE void add(FilmSum& sum, float value) {
+  const double scaled = static_cast<double>(min(max(value, 0.0f), kLargest)) * 0x1p12;
+  const i64 high = static_cast<i64>(scaled);
+  sum.high += high;
+  sum.low += static_cast<i64>((scaled - static_cast<double>(high)) * 0x1p40);
+}
+
+PH_INLINE void add(FilmPixel& pixel, Vec3 radiance) {
+  ++pixel.count;
+  if (!finite(radiance)) {
+    ++pixel.bad;
+    return;
+  }
+  add(pixel.rgb[0], radiance.x);
+  add(pixel.rgb[1], radiance.y);
+  add(pixel.rgb[2], radiance.z);
+}
+
+// Brings `low` back under 2^40, so that equal sums are equal words.
+PH_INLINE void carry(FilmPixel& pixel) {
+  for (FilmSum& sum : pixel.rgb) {
+    sum.high += sum.low >> 40;
+    sum.low &= (1ll << 40) - 1;
+  }
+}
+
+PH_INLINE float mean(const FilmSum& sum, u32 count) {
+  const double total =
+      static_cast<double>(sum.high) * 0x1p-12 + static_cast<double>(sum.low) * 0x1p-52;
+  return count == 0 ? 0.0f : static_cast<float>(total / count);
+}
+
+}  // namespace parhelion::PH_ISA

@@ -1,0 +1,66 @@
+// Pixel filters. A sample is placed in its pixel with the filter's own density, so it counts 1 for
+// that pixel and nothing for any other: no weights, no splats, no order effects.
+#pragma once
+#include "math.h"
+
+namespace parhelion {
+
+enum class FilterKind : u32 {
+#define FILTER(name, label, radius, doc) name,
+#include "filters.def"
+#undef FILTER
+};
+
+// Offsets at equal steps of the filter's cumulative distribution along one axis.
+inline constexpr int kFilterSteps = 1024;
+struct FilterTable {
+  float offset[kFilterSteps + 1];
+};
+
+}  // namespace parhelion
+
+namespace parhelion::PH_ISA {
+
+// exp(-x) for x in [0, 32], in double and without libm.
+inline double exp_minus(double x) {
+  const double y = x * (1.0 / 1024.0);
+  double e = 1.0 - y * (1.0 - y * (0.5 - y * (1.0 / 6.0 - y * (1.0 / 24.0))));
+  for (int i = 0; i < 10; ++i) e *= e;
+  return e;
+}
+
+// The value of a filter at offset x, for its given radius.
+inline double box(double, double) { return 1.0; }
+inline double tent(double x, double radius) { return 1.0 - x / radius; }
+inline double gaussian(double x, double radius) {
+  constexpr double alpha = 2.0;  // exp(-2 x^2): a standard deviation of half a pixel
+  return exp_minus(alpha * x * x) - exp_minus(alpha * radius * radius);
+}
+// F. J. Harris, "On the use of windows for harmonic analysis", Proc. IEEE 66(1), 1978: the
+// four-term window of minimum side lobes.
+inline double blackman_harris(double x, double radius) {
+  const double t = x / radius;
+  return 0.35875 + 0.48829 * cos_pi(t) + 0.14128 * cos_pi(2.0 * t) + 0.01168 * cos_pi(3.0 * t);
+}
+
+inline double filter_value(FilterKind kind, double x, double radius) {
+  const double size = x < 0.0 ? -x : x;
+  if (size > radius) return 0.0;
+  switch (kind) {
+#define FILTER(name, label, radius_, doc) \
+  case FilterKind::name: return name(size, radius);
+#include "filters.def"
+#undef FILTER
+  }
+  return 0.0;
+}
+
+// One offset from the pixel's centre, in pixels.
+PH_INLINE float filter_offset(const FilterTable& table, float u) {
+  const float x = u * static_cast<float>(kFilterSteps);
+  const int i = static_cast<int>(x);
+  const float low = table.offset[i];
+  return low + (x - static_cast<float>(i)) * (table.offset[i + 1] - low);
+}
+
+}  // namespace parhelion::PH_ISA

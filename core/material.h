@@ -1,0 +1,45 @@
+// All materials behind one switch, made from materials.def.
+#pragma once
+#include "bsdf.h"
+#include "materials/dielectric.h"
+#include "materials/diffuse.h"
+#include "materials/emissive.h"
+#include "materials/metal.h"
+
+namespace parhelion {
+
+enum class MaterialKind : u32 {
+#define MATERIAL(name, Type) name,
+#include "materials.def"
+#undef MATERIAL
+};
+
+}  // namespace parhelion
+
+namespace parhelion::PH_ISA {
+
+// A material's struct from its block; `color` stands for its first parameter.
+template <class Material>
+PH_INLINE Material from_block(const ParamBlock& block, Vec3 color) {
+  Material m = from_block<Material>(block);
+  __builtin_memcpy(&m, &color, sizeof(color));
+  return m;
+}
+
+// Calls f with the struct of the block's own material.
+template <class F>
+PH_INLINE auto with_material(const ParamBlock& block, Vec3 color, F&& f) {
+  switch (static_cast<MaterialKind>(block.kind)) {
+#define MATERIAL(name, Type) \
+  case MaterialKind::name: return f(from_block<Type>(block, color));
+#include "materials.def"
+#undef MATERIAL
+  }
+  __builtin_unreachable();
+}
+
+PH_INLINE Vec3 block_color(const ParamBlock& block) {
+  return {block.value[0], block.value[1], block.value[2]};
+}
+
+}  // namespace parhelion::PH_ISA

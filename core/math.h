@@ -1,0 +1,97 @@
+// Vector algebra and the few functions that would otherwise come from libm.
+//
+// libm picks other code on other processors, so its last bits differ; these are made of +, -, *, /
+// and sqrt alone, which IEEE 754 rounds the same way everywhere.
+#pragma once
+#include "types.h"
+
+namespace parhelion::PH_ISA {
+
+PH_INLINE float min(float a, float b) { return a < b ? a : b; }
+PH_INLINE float max(float a, float b) { return a > b ? a : b; }
+PH_INLINE float clamp(float x, float low, float high) { return max(low, min(x, high)); }
+PH_INLINE float abs(float x) { return __builtin_fabsf(x); }
+PH_INLINE float sqrt(float x) { return __builtin_sqrtf(x); }
+PH_INLINE float safe_sqrt(float x) { return sqrt(max(x, 0.0f)); }
+PH_INLINE float copysign(float size, float sign) { return __builtin_copysignf(size, sign); }
+PH_INLINE bool finite(float x) { return abs(x) < kInfinity; }  // false for NaN
+PH_INLINE float sqr(float x) { return x * x; }
+
+PH_INLINE Vec3 operator+(Vec3 a, Vec3 b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+PH_INLINE Vec3 operator-(Vec3 a, Vec3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+PH_INLINE Vec3 operator-(Vec3 a) { return {-a.x, -a.y, -a.z}; }
+PH_INLINE Vec3 operator*(Vec3 a, Vec3 b) { return {a.x * b.x, a.y * b.y, a.z * b.z}; }
+PH_INLINE Vec3 operator*(Vec3 a, float s) { return {a.x * s, a.y * s, a.z * s}; }
+PH_INLINE Vec3& operator+=(Vec3& a, Vec3 b) { return a = a + b; }
+PH_INLINE Vec3& operator*=(Vec3& a, Vec3 b) { return a = a * b; }
+PH_INLINE Vec3& operator*=(Vec3& a, float s) { return a = a * s; }
+PH_INLINE float dot(Vec3 a, Vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+PH_INLINE float length(Vec3 a) { return sqrt(dot(a, a)); }
+PH_INLINE Vec3 normalize(Vec3 a) { return a * (1.0f / length(a)); }
+PH_INLINE float max_component(Vec3 a) { return max(a.x, max(a.y, a.z)); }
+PH_INLINE bool finite(Vec3 a) { return finite(a.x) && finite(a.y) && finite(a.z); }
+PH_INLINE bool black(Vec3 a) { return a.x == 0.0f && a.y == 0.0f && a.z == 0.0f; }
+
+// Rec. 709 luminance of a linear colour.
+PH_INLINE float luminance(Vec3 c) { return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z; }
+
+// cos and sin of 2 pi u, for u in [0, 1]. The argument is reduced exactly to an eighth of a turn,
+// where the Taylor series are off by less than 3e-8.
+struct CosSin {
+  float c, s;
+};
+
+PH_INLINE CosSin cos_sin_turns(float u) {
+  const int quarter = static_cast<int>(4.0f * u + 0.5f);
+  const float x = (2.0f * kPi) * (u - 0.25f * static_cast<float>(quarter));
+  const float x2 = x * x;
+  const float s =
+      x *
+      (1.0f + x2 * (-1.0f / 6 + x2 * (1.0f / 120 + x2 * (-1.0f / 5040 + x2 * (1.0f / 362880)))));
+  const float c = 1.0f + x2 * (-0.5f + x2 * (1.0f / 24 + x2 * (-1.0f / 720 + x2 * (1.0f / 40320))));
+  const bool odd = (quarter & 1) != 0;
+  const float a = odd ? s : c;
+  const float b = odd ? c : s;
+  return {((quarter + 1) & 2) != 0 ? -a : a, (quarter & 2) != 0 ? -b : b};
+}
+
+// cos and sin of pi x in double, for x >= 0, each to its full relative precision.
+struct DCosSin {
+  double c, s;
+};
+
+inline DCosSin cos_sin_pi(double x) {
+  const int quarter = static_cast<int>(2.0 * x + 0.5);
+  const double a = (x - 0.5 * quarter) * 3.14159265358979323846;
+  double c = 1.0, s = 1.0;
+  for (int k = 18; k >= 2; k -= 2) {
+    c = 1.0 - c * a * a / ((k - 1) * k);
+    s = 1.0 - s * a * a / (k * (k + 1));
+  }
+  s *= a;
+  switch (quarter & 3) {
+    case 0: return {c, s};
+    case 1: return {-s, c};
+    case 2: return {-c, -s};
+    default: return {s, -c};
+  }
+}
+inline double cos_pi(double x) { return cos_sin_pi(x).c; }
+
+// An orthonormal frame around a unit normal, which is its z axis.
+// Method: Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.
+struct Frame {
+  Vec3 x, y, z;
+};
+
+PH_INLINE Frame frame_around(Vec3 n) {
+  const float sign = copysign(1.0f, n.z);
+  const float a = -1.0f / (sign + n.z);
+  const float b = n.x * n.y * a;
+  return {{1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x}, {b, sign + n.y * n.y * a, -n.y}, n};
+}
+
+PH_INLINE Vec3 to_world(const Frame& f, Vec3 v) { return f.x * v.x + f.y * v.y + f.z * v.z; }
+PH_INLINE Vec3 to_local(const Frame& f, Vec3 v) { return {dot(f.x, v), dot(f.y, v), dot(f.z, v)}; }
+
+}  // namespace parhelion::PH_ISA

@@ -1,0 +1,118 @@
+// Spheres, sixteen to a block.
+//
+// |P - C|^2 = r^2 along P = O + t D, with f = C - O and b = f.D, has the roots b -+ sqrt(b^2 - c),
+// c = f.f - r^2. In float, b^2 - c loses everything when the sphere is far away or huge. Here the
+// discriminant is r^2 - |f - b D|^2, from the perpendicular that drops on the line, and the root
+// that would subtract equals is had as c / q, the product of the roots being c.
+// Method: Haines, Guenther and Akenine-Moeller, "Precision Improvements for Ray/Sphere
+// Intersection", Ray Tracing Gems, 2019.
+#pragma once
+#include "../simd.h"
+#include "../warp.h"
+
+namespace parhelion {
+
+// Unused lanes have NaN centres, which no comparison accepts. id is the primitive's place in the
+// user's arrays.
+struct alignas(64) SphereBlock {
+  float x[16], y[16], z[16], radius[16];
+  u32 id[16];
+};
+
+}  // namespace parhelion
+
+namespace parhelion::PH_ISA {
+
+struct Sphere {
+  Vec3 center;
+  float radius;
+};
+
+PH_INLINE Sphere primitive(const SphereBlock& block, u32 lane) {
+  return {{block.x[lane], block.y[lane], block.z[lane]}, block.radius[lane]};
+}
+
+// Distances to the block's spheres, and a bit for each that is hit at 0 < t <= limit.
+// self_lane: the lane that the ray starts on, or kNone.
+PH_INLINE u32 intersect(const SphereBlock& block, const Ray& ray, float limit, u32 self_lane,
+                        float* distance) {
+  const Lanes dx = all(ray.direction.x), dy = all(ray.direction.y), dz = all(ray.direction.z);
+  const Lanes fx = load(block.x) - all(ray.origin.x);
+  const Lanes fy = load(block.y) - all(ray.origin.y);
+  const Lanes fz = load(block.z) - all(ray.origin.z);
+  const Lanes b = fx * dx + fy * dy + fz * dz;
+  const Lanes px = fx - b * dx, py = fy - b * dy, pz = fz - b * dz;
+  const Lanes r = load(block.radius), r2 = r * r;
+  const Lanes discriminant = r2 - (px * px + py * py + pz * pz);
+  const Lanes zero = all(0.0f);
+  const LaneMask touched = zero <= discriminant;
+  if (bits(touched) == 0) return 0;
+
+  const Lanes s = sqrt(discriminant);
+  const Lanes c = (fx * fx + fy * fy + fz * fz) - r2;
+  const LaneMask ahead = zero < b;
+  const Lanes q = select(ahead, b + s, b - s);
+  const Lanes other = c / q;
+  // Ahead of the ray, q is the far root and c / q the near one, behind the origin if it is inside.
+  const Lanes t = select(ahead & (other <= zero), q, other);
+  u32 hit = bits(touched & (zero < t) & (t <= all(limit)));
+  store(distance, t);
+  if (self_lane != kNone) {
+    // Of the sphere underfoot c is 0 exactly: one root is 0, the other 2b.
+    const u32 self = 1u << self_lane;
+    hit &= ~self;
+    if (ray.inward) {
+      float twice[16];
+      store(twice, b + b);
+      distance[self_lane] = twice[self_lane];
+      if (twice[self_lane] > 0.0f && twice[self_lane] <= limit) hit |= self;
+    }
+  }
+  return hit;
+}
+
+// Where a ray meets the surface at distance t: the point, brought back onto the sphere, and the
+// outward unit normal there.
+PH_INLINE void surface(const Sphere& s, const Ray& ray, float t, Vec3& point, Vec3& normal) {
+  normal = normalize(ray.origin - s.center + ray.direction * t);
+  point = s.center + normal * s.radius;
+}
+
+PH_INLINE float area(const Sphere& s) { return 4.0f * kPi * s.radius * s.radius; }
+
+// The cone of directions from a point that meet the sphere: 1 - cos of its half angle, or 0 from
+// inside, where every direction does and sampling the cone makes no sense.
+PH_INLINE float subtended_spread(const Sphere& s, Vec3 from) {
+  const Vec3 f = s.center - from;
+  const float sine2 = s.radius * s.radius / dot(f, f);
+  return sine2 < 1.0f ? sine2 / (1.0f + sqrt(1.0f - sine2)) : 0.0f;
+}
+
+// A direction from a point towards the sphere, uniform in the solid angle that it subtends, and the
+// distance to it. The density is 0 from inside.
+// Method: P. Shirley, C. Wang and K. Zimmerman, "Monte Carlo Techniques for Direct Lighting
+// Calculations", ACM TOG 15(1), 1996, sampling by solid angle.
+struct TowardsSample {
+  Vec3 direction;
+  float distance;
+  float pdf;
+};
+
+PH_INLINE float pdf_towards(const Sphere& s, Vec3 from) {
+  const float spread = subtended_spread(s, from);
+  return spread > 0.0f ? 1.0f / (2.0f * kPi * spread) : 0.0f;
+}
+
+PH_INLINE TowardsSample sample_towards(const Sphere& s, Vec3 from, Vec2 u) {
+  const float spread = subtended_spread(s, from);
+  if (!(spread > 0.0f)) return {{0, 0, 1}, 0.0f, 0.0f};
+  const Vec3 f = s.center - from;
+  const Vec3 local = uniform_cone(u, spread);
+  const Vec3 direction = to_world(frame_around(normalize(f)), local);
+  const float b = dot(f, direction);
+  const Vec3 perpendicular = f - direction * b;
+  const float half = safe_sqrt(s.radius * s.radius - dot(perpendicular, perpendicular));
+  return {direction, b - half, 1.0f / (2.0f * kPi * spread)};
+}
+
+}  // namespace parhelion::PH_ISA

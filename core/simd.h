@@ -1,0 +1,173 @@
+// Sixteen lanes of float, whatever the processor: one AVX-512 register, two of AVX2, four of SSE,
+// or sixteen plain floats. The width seen by the algorithms is always 16, so every instruction set
+// walks the same tree through the same arithmetic to the same bits.
+#pragma once
+#include "math.h"
+
+#if defined(__AVX512F__) || defined(__AVX2__) || defined(__SSE4_2__)
+#include <immintrin.h>
+#endif
+
+namespace parhelion::PH_ISA {
+
+inline constexpr int kLanes = 16;
+
+// --- One native register: Vf floats, Vm the result of a comparison ------------------------------
+#if defined(__AVX512F__)
+using Vf = __m512;
+using Vm = __mmask16;
+inline constexpr int kNative = 16;
+PH_INLINE Vf v_load(const float* p) { return _mm512_loadu_ps(p); }
+PH_INLINE void v_store(float* p, Vf a) { _mm512_storeu_ps(p, a); }
+PH_INLINE Vf v_set(float a) { return _mm512_set1_ps(a); }
+PH_INLINE Vf v_min(Vf a, Vf b) { return _mm512_min_ps(a, b); }
+PH_INLINE Vf v_max(Vf a, Vf b) { return _mm512_max_ps(a, b); }
+PH_INLINE Vf v_sqrt(Vf a) { return _mm512_sqrt_ps(a); }
+PH_INLINE Vm v_le(Vf a, Vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ); }
+PH_INLINE Vm v_lt(Vf a, Vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
+PH_INLINE Vm v_and(Vm a, Vm b) { return static_cast<Vm>(a & b); }
+PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm512_mask_blend_ps(m, b, a); }
+PH_INLINE u32 v_bits(Vm m) { return m; }
+#elif defined(__AVX2__)
+using Vf = __m256;
+using Vm = __m256;
+inline constexpr int kNative = 8;
+PH_INLINE Vf v_load(const float* p) { return _mm256_loadu_ps(p); }
+PH_INLINE void v_store(float* p, Vf a) { _mm256_storeu_ps(p, a); }
+PH_INLINE Vf v_set(float a) { return _mm256_set1_ps(a); }
+PH_INLINE Vf v_min(Vf a, Vf b) { return _mm256_min_ps(a, b); }
+PH_INLINE Vf v_max(Vf a, Vf b) { return _mm256_max_ps(a, b); }
+PH_INLINE Vf v_sqrt(Vf a) { return _mm256_sqrt_ps(a); }
+PH_INLINE Vm v_le(Vf a, Vf b) { return _mm256_cmp_ps(a, b, _CMP_LE_OQ); }
+PH_INLINE Vm v_lt(Vf a, Vf b) { return _mm256_cmp_ps(a, b, _CMP_LT_OQ); }
+PH_INLINE Vm v_and(Vm a, Vm b) { return _mm256_and_ps(a, b); }
+PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm256_blendv_ps(b, a, m); }
+PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm256_movemask_ps(m)); }
+#elif defined(__SSE4_2__)
+using Vf = __m128;
+using Vm = __m128;
+inline constexpr int kNative = 4;
+PH_INLINE Vf v_load(const float* p) { return _mm_loadu_ps(p); }
+PH_INLINE void v_store(float* p, Vf a) { _mm_storeu_ps(p, a); }
+PH_INLINE Vf v_set(float a) { return _mm_set1_ps(a); }
+PH_INLINE Vf v_min(Vf a, Vf b) { return _mm_min_ps(a, b); }
+PH_INLINE Vf v_max(Vf a, Vf b) { return _mm_max_ps(a, b); }
+PH_INLINE Vf v_sqrt(Vf a) { return _mm_sqrt_ps(a); }
+PH_INLINE Vm v_le(Vf a, Vf b) { return _mm_cmple_ps(a, b); }
+PH_INLINE Vm v_lt(Vf a, Vf b) { return _mm_cmplt_ps(a, b); }
+PH_INLINE Vm v_and(Vm a, Vm b) { return _mm_and_ps(a, b); }
+PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm_blendv_ps(b, a, m); }
+PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm_movemask_ps(m)); }
+#else
+using Vf = float;
+using Vm = bool;
+inline constexpr int kNative = 1;
+PH_INLINE Vf v_load(const float* p) { return *p; }
+PH_INLINE void v_store(float* p, Vf a) { *p = a; }
+PH_INLINE Vf v_set(float a) { return a; }
+PH_INLINE Vf v_min(Vf a, Vf b) { return a < b ? a : b; }
+PH_INLINE Vf v_max(Vf a, Vf b) { return a > b ? a : b; }
+PH_INLINE Vf v_sqrt(Vf a) { return sqrt(a); }
+PH_INLINE Vm v_le(Vf a, Vf b) { return a <= b; }
+PH_INLINE Vm v_lt(Vf a, Vf b) { return a < b; }
+PH_INLINE Vm v_and(Vm a, Vm b) { return a && b; }
+PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return m ? a : b; }
+PH_INLINE u32 v_bits(Vm m) { return m ? 1u : 0u; }
+#endif
+
+// --- Sixteen lanes ----------------------------------------------------------------------------
+inline constexpr int kParts = kLanes / kNative;
+
+struct Lanes {
+  Vf part[kParts];
+};
+struct LaneMask {
+  Vm part[kParts];
+};
+
+PH_INLINE Lanes load(const float* p) {
+  Lanes r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = v_load(p + k * kNative);
+  return r;
+}
+PH_INLINE void store(float* p, const Lanes& a) {
+  for (int k = 0; k < kParts; ++k) v_store(p + k * kNative, a.part[k]);
+}
+PH_INLINE Lanes all(float a) {
+  Lanes r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = v_set(a);
+  return r;
+}
+PH_INLINE Lanes operator+(const Lanes& a, const Lanes& b) {
+  Lanes r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = a.part[k] + b.part[k];
+  return r;
+}
+PH_INLINE Lanes operator-(const Lanes& a, const Lanes& b) {
+  Lanes r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = a.part[k] - b.part[k];
+  return r;
+}
+PH_INLINE Lanes operator*(const Lanes& a, const Lanes& b) {
+  Lanes r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = a.part[k] * b.part[k];
+  return r;
+}
+PH_INLINE Lanes operator/(const Lanes& a, const Lanes& b) {
+  Lanes r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = a.part[k] / b.part[k];
+  return r;
+}
+// min and max return b where either is NaN, as the x86 instructions do.
+PH_INLINE Lanes min(const Lanes& a, const Lanes& b) {
+  Lanes r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = v_min(a.part[k], b.part[k]);
+  return r;
+}
+PH_INLINE Lanes max(const Lanes& a, const Lanes& b) {
+  Lanes r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = v_max(a.part[k], b.part[k]);
+  return r;
+}
+PH_INLINE Lanes sqrt(const Lanes& a) {
+  Lanes r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = v_sqrt(a.part[k]);
+  return r;
+}
+PH_INLINE LaneMask operator<(const Lanes& a, const Lanes& b) {
+  LaneMask r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = v_lt(a.part[k], b.part[k]);
+  return r;
+}
+PH_INLINE LaneMask operator<=(const Lanes& a, const Lanes& b) {
+  LaneMask r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = v_le(a.part[k], b.part[k]);
+  return r;
+}
+PH_INLINE LaneMask operator&(const LaneMask& a, const LaneMask& b) {
+  LaneMask r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = v_and(a.part[k], b.part[k]);
+  return r;
+}
+PH_INLINE Lanes select(const LaneMask& m, const Lanes& a, const Lanes& b) {
+  Lanes r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = v_select(m.part[k], a.part[k], b.part[k]);
+  return r;
+}
+// Bit i is lane i.
+PH_INLINE u32 bits(const LaneMask& m) {
+  u32 r = 0;
+  for (int k = 0; k < kParts; ++k) r |= v_bits(m.part[k]) << (k * kNative);
+  return r;
+}
+
+// Index of the lowest set bit; the argument is not 0.
+PH_INLINE u32 lowest_bit(u32 m) {
+#if defined(__CUDACC__)
+  return static_cast<u32>(__ffs(static_cast<int>(m)) - 1);
+#else
+  return static_cast<u32>(__builtin_ctz(m));
+#endif
+}
+
+}  // namespace parhelion::PH_ISA

@@ -1,0 +1,155 @@
+// The nearest hit of a ray, and whether anything is hit at all: one ray against sixteen boxes or
+// sixteen primitives at a time.
+#pragma once
+#include "view.h"
+
+namespace parhelion::PH_ISA {
+
+// Slack of the box test, which covers its own rounding and that of the primitives' distances. A box
+// must never reject a primitive that would report a hit.
+inline constexpr float kSlabSlack = 1.0f + 0x1p-20f;
+
+struct NearestHit {
+  Hit hit;
+  u32 id;       // of two hits at one distance the lower id counts, whatever the order of the tests
+  Slot ignore;  // kAny: the light that the ray is on its way to
+};
+
+// A block's hits that are nearer than the best so far. With kAny, true at the first hit.
+template <bool kAny, class Block>
+PH_INLINE bool test_block(const Block& block, Child leaf, const Ray& ray, NearestHit& best) {
+  alignas(64) float t[16];
+  const u32 self_lane = ray.self.leaf == leaf ? ray.self.lane : kNone;
+  u32 hits = intersect(block, ray, best.hit.t, self_lane, t);
+  if (kAny) {
+    if (best.ignore.leaf == leaf) hits &= ~(1u << best.ignore.lane);
+    return hits != 0;
+  }
+  while (hits != 0) {
+    const u32 lane = lowest_bit(hits);
+    hits &= hits - 1;
+    const u32 id = block.id[lane];
+    if (t[lane] < best.hit.t || (t[lane] == best.hit.t && id < best.id)) {
+      best = {{t[lane], {leaf, lane}}, id, kNoSlot};
+    }
+  }
+  return false;
+}
+
+template <bool kAny>
+PH_INLINE bool test_leaf(const SceneView& scene, Child leaf, const Ray& ray, NearestHit& best) {
+  switch (leaf_kind(leaf)) {
+#define SHAPE(name, Type) \
+  case ShapeKind::name:   \
+    return test_block<kAny>(scene.name##s[leaf & kLeafIndexMask], leaf, ray, best);
+#include "shapes.def"
+#undef SHAPE
+  }
+  __builtin_unreachable();
+}
+
+// Bit i: the ray meets child i's box before `limit`; near[i] is where.
+PH_INLINE u32 test_boxes(const Node& node, const Ray& ray, Vec3 inverse, const u32 (&sign)[3],
+                         float limit, float* near) {
+  const float (*bound)[16] = node.low;  // low and high are one array of six rows
+  const Lanes x0 = (load(bound[0 + 3 * sign[0]]) - all(ray.origin.x)) * all(inverse.x);
+  const Lanes x1 = (load(bound[3 - 3 * sign[0]]) - all(ray.origin.x)) * all(inverse.x);
+  const Lanes y0 = (load(bound[1 + 3 * sign[1]]) - all(ray.origin.y)) * all(inverse.y);
+  const Lanes y1 = (load(bound[4 - 3 * sign[1]]) - all(ray.origin.y)) * all(inverse.y);
+  const Lanes z0 = (load(bound[2 + 3 * sign[2]]) - all(ray.origin.z)) * all(inverse.z);
+  const Lanes z1 = (load(bound[5 - 3 * sign[2]]) - all(ray.origin.z)) * all(inverse.z);
+  // A ray within a box's plane makes 0 * inf = NaN, which min and max then pass over.
+  const Lanes first = max(x0, max(y0, max(z0, all(0.0f))));
+  const Lanes last = min(x1, min(y1, min(z1, all(limit)))) * all(kSlabSlack);
+  store(near, first);
+  return bits(first <= last);
+}
+
+template <bool kAny>
+PH_INLINE bool walk_tree(const SceneView& scene, const Ray& ray, NearestHit& best) {
+  const Vec3 inverse = {1.0f / ray.direction.x, 1.0f / ray.direction.y, 1.0f / ray.direction.z};
+  const u32 sign[3] = {inverse.x < 0.0f, inverse.y < 0.0f, inverse.z < 0.0f};
+  // An entry is a child and, in the upper half, the bits of its distance: of floats that are not
+  // negative the order is that of their bits.
+  u64 stack[15 * kMaxTreeDepth + 1];
+  u64* top = stack;
+  Child child = scene.root;
+  for (;;) {
+    if (child & kLeafBit) {
+      if (test_leaf<kAny>(scene, child, ray, best)) return true;
+    } else {
+      const Node& node = scene.nodes[child];
+      alignas(64) float near[16];
+      u32 hits = test_boxes(node, ray, inverse, sign, best.hit.t, near);
+      if (hits != 0) {
+        u32 lane = lowest_bit(hits);
+        hits &= hits - 1;
+        if (hits == 0) {
+          child = node.child[lane];
+          continue;
+        }
+        const auto entry = [&](u32 i) {
+          u32 distance;
+          __builtin_memcpy(&distance, &near[i], 4);
+          return static_cast<u64>(distance) << 32 | node.child[i];
+        };
+        // Insertion sort on top of the stack, farthest first.
+        u64* const first = top;
+        *top++ = entry(lane);
+        do {
+          lane = lowest_bit(hits);
+          hits &= hits - 1;
+          const u64 e = entry(lane);
+          u64* place = top++;
+          for (; place != first && place[-1] < e; --place) *place = place[-1];
+          *place = e;
+        } while (hits != 0);
+        child = static_cast<Child>(*--top);
+        continue;
+      }
+    }
+    for (;;) {
+      if (top == stack) return false;
+      const u64 e = *--top;
+      const u32 upper = static_cast<u32>(e >> 32);
+      float distance;
+      __builtin_memcpy(&distance, &upper, 4);
+      if (distance <= best.hit.t * kSlabSlack) {
+        child = static_cast<Child>(e);
+        break;
+      }
+    }
+  }
+}
+
+template <bool kAny>
+PH_INLINE bool walk_all(const SceneView& scene, const Ray& ray, NearestHit& best) {
+#define SHAPE(name, Type)                                                 \
+  for (u32 i = 0; i < scene.name##_blocks; ++i) {                         \
+    const Child leaf = make_leaf(ShapeKind::name, i);                     \
+    if (test_block<kAny>(scene.name##s[i], leaf, ray, best)) return true; \
+  }
+#include "shapes.def"
+#undef SHAPE
+  return false;
+}
+
+// The nearest hit before `limit`; false for none.
+inline bool intersect(const SceneView& scene, const Ray& ray, float limit, bool tree, Hit& hit) {
+  NearestHit best{{limit, kNoSlot}, kNone, kNoSlot};
+  if (tree) {
+    walk_tree<false>(scene, ray, best);
+  } else {
+    walk_all<false>(scene, ray, best);
+  }
+  hit = best.hit;
+  return hit.slot.leaf != kNone;
+}
+
+// Whether anything but `ignore` lies before `limit`.
+inline bool occluded(const SceneView& scene, const Ray& ray, float limit, Slot ignore, bool tree) {
+  NearestHit best{{limit, kNoSlot}, kNone, ignore};
+  return tree ? walk_tree<true>(scene, ray, best) : walk_all<true>(scene, ray, best);
+}
+
+}  // namespace parhelion::PH_ISA

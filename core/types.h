@@ -1,0 +1,75 @@
+// Numbers, vectors and rays: the plain types that host and kernels share.
+//
+// Nothing in core/ includes a standard header, allocates, throws or keeps state, so the same text
+// compiles for every instruction set of a CPU and, through NVRTC, for a GPU. Types that cross from
+// host to kernel are plain data in namespace parhelion. All functions live in parhelion::PH_ISA,
+// a namespace per instruction set: the linker must never take an AVX-512 body for an SSE4.2 caller.
+#pragma once
+
+#ifndef PH_ISA
+#define PH_ISA baseline
+#endif
+
+#if defined(__CUDACC__)
+#define PH_INLINE __forceinline__
+#else
+#define PH_INLINE [[gnu::always_inline]] inline
+#endif
+
+namespace parhelion {
+
+using u8 = unsigned char;
+using u32 = unsigned int;
+using u64 = unsigned long long;
+using i64 = long long;
+
+static_assert(sizeof(u32) == 4 && sizeof(u64) == 8 && sizeof(float) == 4);
+
+inline constexpr float kInfinity = __builtin_huge_valf();
+inline constexpr float kPi = 3.14159265358979324f;
+inline constexpr u32 kNone = ~0u;
+
+// A point, direction or linear RGB colour.
+struct Vec3 {
+  float x, y, z;
+};
+
+struct Vec2 {
+  float x, y;
+};
+
+struct Box {
+  Vec3 low, high;
+};
+
+// A child of a tree node: another node's index, or, with the top bit set, a leaf: the shape's kind
+// in the next three bits and the index of its block in the rest.
+using Child = u32;
+inline constexpr u32 kLeafBit = 1u << 31;
+inline constexpr int kLeafKindShift = 28;
+inline constexpr u32 kLeafIndexMask = (1u << kLeafKindShift) - 1;
+
+// Where a primitive lies: its leaf and its lane in the leaf's block.
+struct Slot {
+  Child leaf;
+  u32 lane;
+};
+inline constexpr Slot kNoSlot = {kNone, 0};
+
+// A ray in the scene's normalised units (see host/scene.h). `self` is the primitive that the ray
+// starts on, or kNoSlot: it is never hit at distance 0, without any offset of the origin. `inward`
+// says that the ray sets off into that primitive and may meet its far side.
+struct Ray {
+  Vec3 origin;
+  Vec3 direction;  // unit length
+  Slot self;
+  bool inward;
+};
+
+// The nearest intersection: distance along the ray, and the primitive.
+struct Hit {
+  float t;
+  Slot slot;
+};
+
+}  // namespace parhelion
