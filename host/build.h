@@ -1,0 +1,340 @@
+// Building the tree: top-down, by the surface area heuristic over binned centres, straight into
+// nodes of sixteen children.
+//
+// The tree depends on the primitives alone, not on the number of threads: sums over parts are only
+// minima, maxima and counts, which no order changes, and the split into parallel jobs is by size.
+#pragma once
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "../core/view.h"
+
+namespace parhelion {
+
+struct Aabb {
+  float low[3] = {INFINITY, INFINITY, INFINITY};
+  float high[3] = {-INFINITY, -INFINITY, -INFINITY};
+
+  void grow(const Aabb& b) {
+    for (int k = 0; k < 3; ++k) {
+      low[k] = std::min(low[k], b.low[k]);
+      high[k] = std::max(high[k], b.high[k]);
+    }
+  }
+  void grow(const float (&p)[3]) {
+    for (int k = 0; k < 3; ++k) {
+      low[k] = std::min(low[k], p[k]);
+      high[k] = std::max(high[k], p[k]);
+    }
+  }
+  // Half the surface; 0 for an empty box.
+  float half_area() const {
+    if (!(low[0] <= high[0])) return 0.0f;
+    const float x = high[0] - low[0], y = high[1] - low[1], z = high[2] - low[2];
+    return x * y + y * z + z * x;
+  }
+};
+
+// A tree over references: Ref has `Aabb box() const` and `center(int axis) const`. Leaves hold up
+// to sixteen; `make_leaf(refs, n, blocks)` appends a block to a vector and returns the leaf's Child
+// with an index counted from that vector's start.
+template <class Ref, class Block>
+class TreeBuilder {
+ public:
+  TreeBuilder(std::vector<Ref>& refs, ShapeKind kind, Block (*make_block)(const Ref*, size_t))
+      : refs_(refs), kind_(kind), make_block_(make_block) {}
+
+  // Results; `root` is meaningless without references.
+  std::vector<Node> nodes;
+  std::vector<Block> blocks;
+  Child root = 0;
+  Aabb bounds;
+
+  void build() {
+    if (refs_.empty()) return;
+    Part all = measure({0, refs_.size(), {}, {}});
+    bounds = all.box;
+    std::vector<Job> jobs;
+    std::vector<Node> top;
+    root = expand(all, 0, top, jobs);
+    std::vector<Subtree> parts(jobs.size());
+#pragma omp parallel for schedule(dynamic, 1)
+    for (size_t i = 0; i < jobs.size(); ++i) {
+      parts[i].root = subtree(jobs[i].part, jobs[i].depth, parts[i].nodes, parts[i].blocks);
+    }
+    join(std::move(top), jobs, parts);
+  }
+
+ private:
+  static constexpr size_t kLeafSize = 16;
+  static constexpr int kBins = 16;
+  // Below this many references a subtree is one thread's job.
+  static constexpr size_t kJobSize = 4096;
+
+  struct Part {
+    size_t first, last;
+    Aabb box, centers;
+    size_t size() const { return last - first; }
+  };
+  struct Job {
+    Part part;
+    int depth;
+    size_t node;
+    int lane;
+  };
+  struct Subtree {
+    std::vector<Node> nodes;
+    std::vector<Block> blocks;
+    Child root = 0;
+  };
+  struct Bin {
+    Aabb box, centers;
+    size_t count = 0;
+    void grow(const Bin& b) {
+      box.grow(b.box);
+      centers.grow(b.centers);
+      count += b.count;
+    }
+  };
+
+  std::vector<Ref>& refs_;
+  ShapeKind kind_;
+  Block (*make_block_)(const Ref*, size_t);
+
+  // Bounds of a part's boxes and of their centres.
+  Part measure(Part p) {
+    Bin sum;
+#pragma omp parallel if (p.size() > kJobSize)
+    {
+      Bin mine;
+#pragma omp for nowait
+      for (size_t i = p.first; i < p.last; ++i) add_to(mine, refs_[i]);
+#pragma omp critical(parhelion_measure)
+      sum.grow(mine);
+    }
+    return {p.first, p.last, sum.box, sum.centers};
+  }
+
+  static void add_to(Bin& bin, const Ref& ref) {
+    bin.box.grow(ref.box());
+    const float center[3] = {ref.center(0), ref.center(1), ref.center(2)};
+    bin.centers.grow(center);
+    ++bin.count;
+  }
+
+  static int bin_of(float x, float low, float scale) {
+    return std::min(kBins - 1, static_cast<int>((x - low) * scale));
+  }
+
+  // Divides a part in two of the least expected cost; by the middle one where centres coincide, or
+  // where the tree would become too deep.
+  void split(const Part& p, bool by_count, Part& left, Part& right) {
+    int best_axis = -1, best_bin = 0;
+    float best_cost = std::numeric_limits<float>::infinity();
+    Bin bins[3][kBins];
+    float scale[3];
+    for (int k = 0; k < 3; ++k) {
+      const float extent = p.centers.high[k] - p.centers.low[k];
+      scale[k] = extent > 0.0f ? kBins * (1.0f - 1e-6f) / extent : 0.0f;
+      if (!std::isfinite(scale[k])) scale[k] = 0.0f;
+    }
+    if (!by_count) {
+      fill_bins(p, scale, bins);
+      for (int k = 0; k < 3; ++k) {
+        if (scale[k] == 0.0f) continue;
+        float area_right[kBins];
+        size_t count_right[kBins];
+        Bin sum;
+        for (int i = kBins - 1; i > 0; --i) {
+          sum.grow(bins[k][i]);
+          area_right[i] = sum.box.half_area();
+          count_right[i] = sum.count;
+        }
+        sum = Bin();
+        for (int i = 1; i < kBins; ++i) {
+          sum.grow(bins[k][i - 1]);
+          if (sum.count == 0 || count_right[i] == 0) continue;
+          const float cost = sum.box.half_area() * static_cast<float>(sum.count) +
+                             area_right[i] * static_cast<float>(count_right[i]);
+          if (cost < best_cost) best_cost = cost, best_axis = k, best_bin = i;
+        }
+      }
+    }
+    if (best_axis < 0) {
+      split_by_count(p, left, right);
+      return;
+    }
+    const float low = p.centers.low[best_axis], s = scale[best_axis];
+    const auto middle = std::partition(
+        refs_.begin() + static_cast<std::ptrdiff_t>(p.first),
+        refs_.begin() + static_cast<std::ptrdiff_t>(p.last),
+        [&](const Ref& r) { return bin_of(r.center(best_axis), low, s) < best_bin; });
+    const size_t cut = static_cast<size_t>(middle - refs_.begin());
+    Bin sum_left, sum_right;
+    for (int i = 0; i < kBins; ++i) (i < best_bin ? sum_left : sum_right).grow(bins[best_axis][i]);
+    left = {p.first, cut, sum_left.box, sum_left.centers};
+    right = {cut, p.last, sum_right.box, sum_right.centers};
+  }
+
+  void split_by_count(const Part& p, Part& left, Part& right) {
+    int axis = 0;
+    for (int k = 1; k < 3; ++k) {
+      if (p.centers.high[k] - p.centers.low[k] > p.centers.high[axis] - p.centers.low[axis]) {
+        axis = k;
+      }
+    }
+    const size_t cut = p.first + p.size() / 2;
+    const auto begin = refs_.begin();
+    std::nth_element(
+        begin + static_cast<std::ptrdiff_t>(p.first), begin + static_cast<std::ptrdiff_t>(cut),
+        begin + static_cast<std::ptrdiff_t>(p.last), [axis](const Ref& a, const Ref& b) {
+          return a.center(axis) < b.center(axis) ||
+                 (a.center(axis) == b.center(axis) && a.id < b.id);
+        });
+    left = measure({p.first, cut, {}, {}});
+    right = measure({cut, p.last, {}, {}});
+  }
+
+  void fill_bins(const Part& p, const float (&scale)[3], Bin (&bins)[3][kBins]) {
+    const auto fill = [&](Bin(&into)[3][kBins], size_t i) {
+      const Ref& ref = refs_[i];
+      for (int k = 0; k < 3; ++k) {
+        if (scale[k] == 0.0f) continue;
+        add_to(into[k][bin_of(ref.center(k), p.centers.low[k], scale[k])], ref);
+      }
+    };
+    if (p.size() <= kJobSize) {
+      for (size_t i = p.first; i < p.last; ++i) fill(bins, i);
+      return;
+    }
+#pragma omp parallel
+    {
+      Bin mine[3][kBins];
+#pragma omp for nowait
+      for (size_t i = p.first; i < p.last; ++i) fill(mine, i);
+#pragma omp critical(parhelion_bins)
+      for (int k = 0; k < 3; ++k) {
+        for (int i = 0; i < kBins; ++i) bins[k][i].grow(mine[k][i]);
+      }
+    }
+  }
+
+  // Up to sixteen parts of p, made by dividing the one of largest surface again and again; of most
+  // references where the tree has grown so deep that its depth must be bounded.
+  int children_of(const Part& p, int depth, Part (&child)[16]) {
+    const bool by_count = depth > kMaxTreeDepth / 2;
+    int count = 1;
+    child[0] = p;
+    while (count < 16) {
+      int next = -1;
+      float largest = -1.0f;
+      for (int i = 0; i < count; ++i) {
+        const float size =
+            by_count ? static_cast<float>(child[i].size()) : child[i].box.half_area();
+        if (child[i].size() > kLeafSize && size > largest) next = i, largest = size;
+      }
+      if (next < 0) break;
+      const Part whole = child[next];
+      split(whole, by_count, child[next], child[count]);
+      ++count;
+    }
+    return count;
+  }
+
+  static Node empty_node() {
+    Node n;
+    for (int k = 0; k < 3; ++k) {
+      for (int i = 0; i < 16; ++i) n.low[k][i] = INFINITY, n.high[k][i] = -INFINITY;
+    }
+    for (Child& c : n.child) c = 0;
+    return n;
+  }
+  static void set_box(Node& n, int lane, const Aabb& b) {
+    for (int k = 0; k < 3; ++k) n.low[k][lane] = b.low[k], n.high[k][lane] = b.high[k];
+  }
+
+  // The part of the tree above the jobs.
+  Child expand(const Part& p, int depth, std::vector<Node>& top, std::vector<Job>& jobs) {
+    if (p.size() <= kJobSize && depth == 0) {
+      jobs.push_back({p, depth, kNoNode, 0});
+      return 0;
+    }
+    Part child[16];
+    const int count = children_of(p, depth, child);
+    const size_t index = top.size();
+    top.push_back(empty_node());
+    for (int i = 0; i < count; ++i) {
+      set_box(top[index], i, child[i].box);
+      if (child[i].size() <= kJobSize) {
+        jobs.push_back({child[i], depth + 1, index, i});
+      } else {
+        const Child c = expand(child[i], depth + 1, top, jobs);
+        top[index].child[i] = c;
+      }
+    }
+    return static_cast<Child>(index);
+  }
+
+  // One job: the whole tree below a part, its indices counted from the start of its own vectors.
+  Child subtree(const Part& p, int depth, std::vector<Node>& local, std::vector<Block>& leaves) {
+    if (p.size() <= kLeafSize) {
+      leaves.push_back(make_block_(&refs_[p.first], p.size()));
+      return make_leaf(kind_, static_cast<u32>(leaves.size() - 1));
+    }
+    Part child[16];
+    const int count = children_of(p, depth, child);
+    const size_t index = local.size();
+    local.push_back(empty_node());
+    for (int i = 0; i < count; ++i) {
+      set_box(local[index], i, child[i].box);
+      const Child c = subtree(child[i], depth + 1, local, leaves);
+      local[index].child[i] = c;
+    }
+    return static_cast<Child>(index);
+  }
+
+  // Lays the top and all subtrees out in one array each, in the order of the jobs.
+  void join(std::vector<Node> top, const std::vector<Job>& jobs, std::vector<Subtree>& parts) {
+    size_t node_count = top.size(), block_count = 0;
+    std::vector<u32> node_base(jobs.size()), block_base(jobs.size());
+    for (size_t i = 0; i < jobs.size(); ++i) {
+      node_base[i] = static_cast<u32>(node_count);
+      block_base[i] = static_cast<u32>(block_count);
+      node_count += parts[i].nodes.size();
+      block_count += parts[i].blocks.size();
+    }
+    nodes = std::move(top);
+    nodes.resize(node_count);
+    blocks.resize(block_count);
+    const auto moved = [&](Child c, size_t i) {
+      return c & kLeafBit ? c + block_base[i] : c + node_base[i];
+    };
+    for (size_t i = 0; i < jobs.size(); ++i) {
+      const Child c = moved(parts[i].root, i);
+      if (jobs[i].node == kNoNode) {
+        root = c;
+      } else {
+        nodes[jobs[i].node].child[jobs[i].lane] = c;
+      }
+    }
+#pragma omp parallel for schedule(dynamic, 1)
+    for (size_t i = 0; i < jobs.size(); ++i) {
+      Subtree& part = parts[i];
+      for (Node& n : part.nodes) {
+        for (int lane = 0; lane < 16; ++lane) {
+          if (n.low[0][lane] <= n.high[0][lane]) n.child[lane] = moved(n.child[lane], i);
+        }
+      }
+      std::copy(part.nodes.begin(), part.nodes.end(), nodes.begin() + node_base[i]);
+      std::copy(part.blocks.begin(), part.blocks.end(), blocks.begin() + block_base[i]);
+      part = Subtree();
+    }
+  }
+
+  static constexpr size_t kNoNode = std::numeric_limits<size_t>::max();
+};
+
+}  // namespace parhelion

@@ -1,0 +1,47 @@
+#include <cstdlib>
+
+#include "errors.h"
+#include "kernels.h"
+
+namespace parhelion {
+namespace {
+
+// In rising order; the last that the processor has is the default.
+std::vector<const Kernels*> runnable() {
+  std::vector<const Kernels*> sets = {&baseline::kKernels};
+#if defined(PARHELION_X86)
+  __builtin_cpu_init();
+  if (__builtin_cpu_supports("sse4.2")) sets.push_back(&sse42::kKernels);
+  const bool haswell = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") &&
+                       __builtin_cpu_supports("bmi2") && __builtin_cpu_supports("lzcnt");
+  if (haswell) sets.push_back(&avx2::kKernels);
+  if (haswell && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {
+    sets.push_back(&avx512::kKernels);
+  }
+#endif
+  return sets;
+}
+
+}  // namespace
+
+std::vector<std::string> instruction_sets() {
+  std::vector<std::string> names;
+  for (const Kernels* k : runnable()) names.push_back(k->name);
+  return names;
+}
+
+const Kernels& kernels(const std::string& name) {
+  const std::vector<const Kernels*> sets = runnable();
+  const char* chosen = std::getenv("PARHELION_ISA");
+  const std::string wanted = name.empty() && chosen ? chosen : name;
+  if (wanted.empty()) return *sets.back();
+  std::string choices;
+  for (const Kernels* k : sets) {
+    if (wanted == k->name) return *k;
+    choices += (choices.empty() ? "" : ", ") + std::string(k->name);
+  }
+  throw SceneError("unknown instruction set '" + wanted + "' (this machine runs: " + choices + ")");
+}
+
+}  // namespace parhelion

@@ -1,0 +1,43 @@
+// The kernels of one instruction set, as a table of functions. No standard header here: kernels.cpp
+// includes it.
+#pragma once
+#include "../core/film.h"
+#include "../core/path.h"
+
+namespace parhelion {
+
+struct BsdfProbe {
+  Vec3 wi, weight;
+  float pdf;
+  u32 delta;
+};
+
+struct LightProbe {
+  Vec3 direction;
+  float distance, pdf;
+};
+
+// Everything that is compiled once per instruction set.
+struct Kernels {
+  const char* name;
+
+  // Adds samples [first, last) of pixels [x0, x1) of row y to `row`, which begins at x0.
+  void (*render_row)(const SceneView&, const RenderView&, u32 y, u32 x0, u32 x1, u32 first,
+                     u32 last, FilmPixel* row, PathStats&);
+  // The radiance of one sample.
+  Vec3 (*radiance)(const SceneView&, const RenderView&, u32 x, u32 y, u32 sample);
+  // Nearest hits and occlusion of n rays, each up to limit[i].
+  void (*intersect)(const SceneView&, const Ray*, const float* limit, u64 n, bool tree, Hit*);
+  void (*occluded)(const SceneView&, const Ray*, const float* limit, u64 n, bool tree, u8*);
+
+  // The sampling routines by themselves, for the statistical tests.
+  void (*warp)(WarpKind, float parameter, const Vec2*, u64 n, Vec3*);
+  void (*warp_pdf)(WarpKind, float parameter, const Vec3*, u64 n, float*);
+  void (*bsdf_sample)(const ParamBlock&, Vec3 wo, u64 seed, u64 n, BsdfProbe*);
+  void (*bsdf_eval)(const ParamBlock&, Vec3 wo, const Vec3* wi, u64 n, Vec3* value, float* pdf);
+  void (*light_sample)(const SceneView&, Vec3 from, u64 seed, u64 n, LightProbe*);
+  void (*draws)(SamplerKind, u32 x, u32 y, u32 first, u64 n, u32 dimension, u64 seed, Vec2*);
+  void (*filter_offsets)(const FilterTable&, const float*, u64 n, float*);
+};
+
+}  // namespace parhelion

@@ -1,0 +1,123 @@
+// Compiled once per instruction set, with PH_ISA naming its namespace. No standard header may be
+// included here: an inline function of the standard library, compiled for AVX-512, could be the
+// copy that the linker keeps for everybody.
+#include "kernel_table.h"
+
+#define PH_TEXT_(x) #x
+#define PH_TEXT(x) PH_TEXT_(x)
+
+namespace parhelion::PH_ISA {
+namespace {
+
+void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u32 x1, u32 first,
+                u32 last, FilmPixel* row, PathStats& stats) {
+  for (u32 x = x0; x < x1; ++x) {
+    FilmPixel& pixel = row[x - x0];
+    for (u32 sample = first; sample < last; ++sample) {
+      add(pixel, radiance(scene, view, x, y, sample, stats));
+    }
+    carry(pixel);
+  }
+}
+
+Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample) {
+  PathStats stats = {0};
+  return radiance(scene, view, x, y, sample, stats);
+}
+
+void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
+                   Hit* hits) {
+  for (u64 i = 0; i < n; ++i) intersect(scene, rays[i], limit[i], tree, hits[i]);
+}
+
+void occluded_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
+                  u8* result) {
+  for (u64 i = 0; i < n; ++i) result[i] = occluded(scene, rays[i], limit[i], kNoSlot, tree);
+}
+
+// A mapping takes a parameter or not; these give all of them one form.
+template <class Result>
+Result call(Result (*f)(Vec2), Vec2 u, float) {
+  return f(u);
+}
+template <class Result>
+Result call(Result (*f)(Vec2, float), Vec2 u, float parameter) {
+  return f(u, parameter);
+}
+float call(float (*f)(Vec3), Vec3 w, float) { return f(w); }
+float call(float (*f)(Vec3, float), Vec3 w, float parameter) { return f(w, parameter); }
+
+void warp(WarpKind kind, float parameter, const Vec2* u, u64 n, Vec3* out) {
+  for (u64 i = 0; i < n; ++i) {
+    switch (kind) {
+#define WARP(name, parameter_, doc) \
+  case WarpKind::name: out[i] = call(name, u[i], parameter); break;
+#include "../core/warps.def"
+#undef WARP
+    }
+  }
+}
+
+void warp_pdf(WarpKind kind, float parameter, const Vec3* w, u64 n, float* out) {
+  for (u64 i = 0; i < n; ++i) {
+    switch (kind) {
+#define WARP(name, parameter_, doc) \
+  case WarpKind::name: out[i] = call(name##_pdf, w[i], parameter); break;
+#include "../core/warps.def"
+#undef WARP
+    }
+  }
+}
+
+void bsdf_sample(const ParamBlock& block, Vec3 wo, u64 seed, u64 n, BsdfProbe* out) {
+  with_material(block, block_color(block), [&](const auto& m) {
+    for (u64 i = 0; i < n; ++i) {
+      const u32 index = static_cast<u32>(i);
+      const Sampler sampler = make_sampler(SamplerKind::independent, 0, 0, index, seed);
+      BsdfSample s = {{0, 0, 0}, {0, 0, 0}, 0.0f, 1.0f, false};
+      const bool scattered = sample(m, wo, sampler, kDrawFirstBounce, s);
+      if (!scattered) s.weight = {0, 0, 0};
+      // As the path tracer sees it, without the change of radiance in glass.
+      out[i] = {s.wi, s.weight * (s.eta * s.eta), s.pdf, s.delta};
+    }
+  });
+}
+
+void bsdf_eval(const ParamBlock& block, Vec3 wo, const Vec3* wi, u64 n, Vec3* value,
+               float* density) {
+  with_material(block, block_color(block), [&](const auto& m) {
+    for (u64 i = 0; i < n; ++i) {
+      value[i] = eval(m, wo, wi[i]);
+      density[i] = pdf(m, wo, wi[i]);
+    }
+  });
+}
+
+void light_sample(const SceneView& scene, Vec3 from, u64 seed, u64 n, LightProbe* out) {
+  for (u64 i = 0; i < n; ++i) {
+    const Sampler s = make_sampler(SamplerKind::independent, 0, 0, static_cast<u32>(i), seed);
+    const float u = draw1(s, kDrawLight);
+    const Vec2 v = draw2(s, kDrawLightPoint);
+    const LightSample light = sample_light(scene, from, u, v);
+    out[i] = {light.direction, light.distance, light.pdf};
+  }
+}
+
+void draws(SamplerKind kind, u32 x, u32 y, u32 first, u64 n, u32 dimension, u64 seed, Vec2* out) {
+  for (u64 i = 0; i < n; ++i) {
+    out[i] = draw2(make_sampler(kind, x, y, first + static_cast<u32>(i), seed), dimension);
+  }
+}
+
+void filter_offsets(const FilterTable& table, const float* u, u64 n, float* out) {
+  for (u64 i = 0; i < n; ++i) out[i] = filter_offset(table, u[i]);
+}
+
+}  // namespace
+
+extern const Kernels kKernels;
+const Kernels kKernels = {PH_TEXT(PH_ISA), render_row,   one_radiance, intersect_all,
+                          occluded_all,    warp,         warp_pdf,     bsdf_sample,
+                          bsdf_eval,       light_sample, draws,        filter_offsets};
+
+}  // namespace parhelion::PH_ISA

@@ -1,0 +1,46 @@
+// Rendering: tiles over OpenMP threads, added to a film in an order that does not matter.
+#pragma once
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "kernels.h"
+#include "scene.h"
+
+namespace parhelion {
+
+// The sums of a rectangle of the picture. x, y: its top left pixel within the whole picture.
+struct Film {
+  u32 x, y, width, height;
+  std::vector<FilmPixel> pixels;
+
+  Film(u32 x, u32 y, u32 width, u32 height);
+  // Means, (height, width, 3). A pixel without samples is black.
+  void means(float* rgb) const;
+};
+
+enum class Schedule { dynamic_, static_, guided };
+
+struct RenderOptions {
+  int threads = 1;
+  u32 tile = 16;  // edge of a tile, in pixels
+  Schedule schedule = Schedule::dynamic_;
+};
+
+struct PassResult {
+  u64 samples = 0, rays = 0;
+  bool complete = true;  // false if `tick` stopped it
+};
+
+// Called now and then by the calling thread with what the pass has done so far; true stops it.
+using Tick = std::function<bool(u64 samples, u64 rays)>;
+
+// Adds samples [first, last) of every pixel of the film.
+PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderView& view,
+                       Film& film, u32 first, u32 last, const RenderOptions& options,
+                       const Tick& tick);
+
+// Lets go of OpenMP's threads, which do not survive a fork.
+void release_threads();
+
+}  // namespace parhelion

@@ -1,0 +1,25 @@
+// From a camera and settings in the user's terms to what the kernels see.
+#pragma once
+#include <string>
+
+#include "../core/view.h"
+
+namespace parhelion {
+
+// As in scene.py: user's units, angles in degrees. Of the two fields of view the one that is not
+// given is 0; a focus distance of 0 means the target's.
+struct CameraInput {
+  double eye[3], target[3], up[3];
+  double fov, vfov;
+  double aperture_radius, focus_distance;
+};
+
+// Throws SceneError for a camera without a meaning.
+Camera make_camera(const CameraInput& input, u32 width, u32 height, double scale);
+
+// radius 0 is the filter's own. Throws SceneError for an unknown name or a bad radius.
+FilterTable make_filter(const std::string& name, double radius);
+
+SamplerKind sampler_kind(const std::string& name);
+
+}  // namespace parhelion
