@@ -1,0 +1,83 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..io import LoadOptions
+    from ..scene import Scene
+
+
+def add_loading(parser: argparse.ArgumentParser) -> None:
+    """What a file is and how its particles should look."""
+    parser.add_argument(
+        "scene",
+        nargs="?",
+        metavar="SCENE",
+        help="scene or particle file; without one, the built-in scene `weekend`",
+    )
+    group = parser.add_argument_group("particle files")
+    group.add_argument("--color-by", metavar="FIELD", help="colour by this field of the particles")
+    group.add_argument("--colormap", default="viridis", metavar="NAME", help="a Matplotlib name")
+    group.add_argument(
+        "--color-range",
+        nargs=2,
+        type=float,
+        metavar=("LOW", "HIGH"),
+        help="values at the ends of the map; default: the 1st and 99th percentile",
+    )
+    group.add_argument(
+        "--radius", type=_radius, metavar="R", help="of all particles: a number, vdw or covalent"
+    )
+    group.add_argument("--ground", action="store_true", help="a ground for shadows to fall on")
+    group.add_argument(
+        "--frame",
+        type=int,
+        default=0,
+        metavar="K",
+        help="of a trajectory, from 0; negative counts from the end",
+    )
+
+
+def add_logging(parser: argparse.ArgumentParser) -> None:
+    """How much is said."""
+    parser.add_argument("--quiet", "-q", action="store_true", help="say nothing but errors")
+    parser.add_argument(
+        "--log-level", default="warning", choices=["debug", "info", "warning", "error"]
+    )
+
+
+def load_options(args: argparse.Namespace) -> LoadOptions:
+    """The loader's share of the arguments."""
+    from ..io import LoadOptions
+
+    return LoadOptions(
+        color_by=args.color_by,
+        colormap=args.colormap,
+        color_range=tuple(args.color_range) if args.color_range else None,
+        radius=args.radius,
+        ground=args.ground,
+        frame=args.frame,
+    )
+
+
+def load_scene(args: argparse.Namespace) -> Scene:
+    """The scene that the arguments name."""
+    if args.scene is None:
+        from ..builtin import weekend
+
+        return weekend()
+    from ..io import load
+
+    return load(args.scene, load_options(args))
+
+
+def _radius(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        if text in ("vdw", "covalent"):
+            return text
+        raise argparse.ArgumentTypeError(f"{text!r}: a number, vdw or covalent is needed") from None

@@ -1,0 +1,38 @@
+"""The one family of errors that Parhelion raises.
+
+Every text says what was wrong, where (file, object, element) and what the choices are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class ParhelionError(Exception):
+    """Base of all errors of this package; catch it to catch them all."""
+
+
+class SceneError(ParhelionError, ValueError):
+    """A scene, or a request to render one, that has no meaning: a NaN radius, eye = target."""
+
+
+class FormatError(SceneError):
+    """A file that cannot be read as what it claims to be; the text begins with its path."""
+
+
+class ResourceError(ParhelionError, OSError):
+    """The machine said no: no memory, a full disk, a folder that cannot be written."""
+
+
+def unknown_name(what: str, name: object, choices: Iterable[str]) -> str:
+    """The sentence for a name that is not in a list: the nearest one, then all of them.
+
+    >>> unknown_name("material type", "mettal", ["diffuse", "metal"])
+    "unknown material type 'mettal'; did you mean 'metal'? (choices: diffuse, metal)"
+    """
+    known = sorted(choices)
+    near = get_close_matches(str(name), known, n=1)
+    guess = f"; did you mean {near[0]!r}?" if near else ";"
+    shown = ", ".join(known[:12]) + (f", ... {len(known)} in all" if len(known) > 12 else "")
+    return f"unknown {what} {str(name)!r}{guess} (choices: {shown or 'none'})"

@@ -1,0 +1,261 @@
+"""A finished picture: its pixels, how it came about, and writing it to a file."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import tempfile
+from dataclasses import asdict, dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import FormatError, ResourceError, SceneError, unknown_name
+from .scene import Camera, Settings
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .flatten import Flat
+
+# ending -> bits a channel that it can hold, its default first
+WRITABLE = {".png": (8, 16), ".jpg": (8,), ".jpeg": (8,), ".exr": (32, 16)}
+
+
+@dataclass(frozen=True)
+class RenderStats:
+    """seconds: of rendering, wall clock, without the tree's build. samples, rays: in all.
+    isa: instruction set. complete: False if it was stopped early. build_seconds: checks and tree.
+    """
+
+    seconds: float
+    samples: int
+    rays: int
+    threads: int
+    isa: str
+    complete: bool
+    build_seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """pixels: (H, W, 3) float32, linear Rec. 709. counts: (H, W) samples in each pixel."""
+
+    pixels: NDArray[np.float32]
+    counts: NDArray[np.uint32]
+    stats: RenderStats
+    settings: Settings
+    camera: Camera
+    flat: Flat
+
+    def numpy(self) -> NDArray[np.float32]:
+        """The linear pixels, (H, W, 3) float32."""
+        return self.pixels
+
+    def srgb(self, bits: int = 8) -> NDArray[Any]:
+        """The picture as screens want it: sRGB, (H, W, 3) uint8 or uint16, cut at white."""
+        top = 2**bits - 1
+        scaled = srgb_encoded(self.pixels) * np.float32(top) + np.float32(0.5)
+        stored: NDArray[Any] = scaled.astype(np.uint8 if bits == 8 else np.uint16)
+        return stored
+
+    def metadata(self) -> dict[str, str]:
+        """What is written into a file beside the pixels."""
+        from . import __version__
+
+        return {
+            "Software": f"Parhelion {__version__}",
+            "parhelion:version": __version__,
+            "parhelion:scene": self.flat.sha256(),
+            "parhelion:seed": str(self.settings.seed),
+            "parhelion:spp": str(self.settings.spp),
+            "parhelion:samples": str(self.stats.samples),
+            "parhelion:complete": str(self.stats.complete).lower(),
+            "parhelion:settings": json.dumps(asdict(self.settings)),
+            "parhelion:camera": json.dumps(asdict(self.camera), default=float),
+            "parhelion:time": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            "parhelion:seconds": f"{self.stats.seconds:.3f}",
+            "parhelion:threads": str(self.stats.threads),
+            "parhelion:isa": self.stats.isa,
+        }
+
+    def save(self, path: str | os.PathLike[str], bits: int | None = None) -> None:
+        """Writes the picture; the ending of the name says how.
+
+        .png (bits 8 or 16) and .jpg are sRGB; .exr is linear (bits 32 or 16). A file that is there
+        already stays whole until the new one is complete.
+
+        Raises SceneError for an unknown ending or number of bits, ResourceError where the file
+        cannot be written.
+        """
+        file = Path(path)
+        check_output(file, bits)
+        ending = file.suffix.lower()
+        depth = bits or WRITABLE[ending][0]
+        if ending == ".exr":
+            data = self.pixels.astype(np.float16) if depth == 16 else self.pixels
+        else:
+            data = self.srgb(depth)
+        write(file, data, self.metadata())
+
+    def png_bytes(self) -> bytes:
+        """The picture as the bytes of an 8-bit sRGB PNG file."""
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "image.png"
+            write(file, self.srgb(), self.metadata())
+            return file.read_bytes()
+
+    def _repr_png_(self) -> bytes:
+        return self.png_bytes()
+
+
+def srgb_encoded(linear: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Linear light to sRGB's encoding (IEC 61966-2-1), cut to [0, 1]; NaN becomes 0."""
+    x = np.clip(np.nan_to_num(linear, nan=0.0), 0.0, 1.0)
+    return np.where(
+        x <= 0.0031308,
+        12.92 * x,
+        1.055 * np.power(x, 1 / 2.4, where=x > 0, out=np.ones_like(x)) - 0.055,
+    ).astype(np.float32)
+
+
+def check_output(path: str | os.PathLike[str], bits: int | None = None) -> None:
+    """Raises what save() would for a name that cannot be written, before the work is done."""
+    file = Path(path)
+    ending = file.suffix.lower()
+    if ending not in WRITABLE:
+        raise SceneError(f"{file}: {unknown_name('picture ending', ending, WRITABLE)}")
+    if bits is not None and bits not in WRITABLE[ending]:
+        choices = ", ".join(map(str, WRITABLE[ending]))
+        raise SceneError(f"{file}: {ending} cannot hold {bits} bits a channel (choices: {choices})")
+    target = Path(os.path.realpath(file))
+    if target.is_dir():
+        raise ResourceError(f"{file}: is a folder")
+    if not target.parent.is_dir():
+        raise ResourceError(f"{file}: there is no folder {target.parent}")
+    needed = target if _is_special(target) else target.parent
+    if not os.access(needed, os.W_OK):
+        raise ResourceError(f"{file}: no permission to write {needed}")
+
+
+def write(file: Path, data: NDArray[Any], metadata: dict[str, str]) -> None:
+    """Writes pixels beside their target, reads them back, syncs, and only then renames.
+
+    A link is followed: what it points to is replaced, not the link.
+    """
+    target = Path(os.path.realpath(file))
+    special = _is_special(target)
+    folder = None if special else target.parent
+    try:
+        handle, name = tempfile.mkstemp(
+            suffix=target.suffix if not special else file.suffix, prefix=".parhelion-", dir=folder
+        )
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            _encode(temporary, data, metadata)
+            if special:
+                with open(target, "wb") as device:
+                    device.write(temporary.read_bytes())
+            else:
+                _copy_mode(target, temporary)
+                _sync(temporary)
+                os.replace(temporary, target)
+                _sync(target.parent)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        if isinstance(error, ResourceError):
+            raise ResourceError(f"{file}: {error}") from error
+        raise ResourceError(f"{file}: cannot be written: {error.strerror or error}") from error
+
+
+def read(path: str | os.PathLike[str]) -> NDArray[Any]:
+    """The pixels of a picture file as stored, (H, W, channels).
+
+    Raises FormatError for a file that is not a picture.
+    """
+    import OpenImageIO as oiio
+
+    source = oiio.ImageInput.open(os.fspath(path))
+    if source is None:
+        raise FormatError(f"{path}: {oiio.geterror() or 'not a picture'}")
+    pixels = source.read_image(source.spec().format)
+    source.close()
+    if pixels is None:
+        raise FormatError(f"{path}: {source.geterror() or 'broken picture'}")
+    return np.asarray(pixels)
+
+
+def _encode(file: Path, data: NDArray[Any], metadata: dict[str, str]) -> None:
+    import OpenImageIO as oiio
+
+    height, width, channels = data.shape
+    spec = oiio.ImageSpec(
+        width,
+        height,
+        channels,
+        str(data.dtype).replace("float32", "float").replace("float16", "half"),
+    )
+    for key, value in metadata.items():
+        spec.attribute(key, value)
+    # JPEG keeps only what it knows, so everything is also told in the description
+    spec.attribute("ImageDescription", json.dumps(metadata))
+    if file.suffix.lower() == ".exr":
+        spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
+        spec.attribute("compression", "zip")
+    else:
+        spec.attribute("oiio:ColorSpace", "sRGB")
+        spec.attribute("CompressionQuality", 95)
+    output = oiio.ImageOutput.create(str(file))
+    if output is None:
+        raise ResourceError(oiio.geterror() or "no writer for this ending")
+    ok = output.open(str(file), spec) and output.write_image(np.ascontiguousarray(data))
+    reason = output.geterror()
+    ok = output.close() and ok
+    if not ok:
+        raise ResourceError(f"cannot be written: {reason or output.geterror() or 'unknown reason'}")
+    # A full disk may be reported by nobody: believe only what can be read back.
+    try:
+        stored = read(file)
+    except FormatError as error:
+        raise ResourceError(
+            "cannot be written: what was stored cannot be read back; is the disk full?"
+        ) from error
+    lossless = file.suffix.lower() not in (".jpg", ".jpeg")
+    if stored.shape != data.shape or (
+        lossless and not np.array_equal(stored, data, equal_nan=True)
+    ):
+        raise ResourceError(
+            "cannot be written: what was stored is not what was written; is the disk full?"
+        )
+
+
+def _is_special(path: Path) -> bool:
+    """A device or pipe, which can be written to but not replaced."""
+    try:
+        return not stat.S_ISREG(path.stat().st_mode)
+    except OSError:
+        return False
+
+
+def _copy_mode(target: Path, temporary: Path) -> None:
+    """The new file has the permissions of the old one, or those of any new file."""
+    try:
+        mode = stat.S_IMODE(target.stat().st_mode)
+    except OSError:
+        umask = os.umask(0)
+        os.umask(umask)
+        mode = 0o666 & ~umask
+    os.chmod(temporary, mode)
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

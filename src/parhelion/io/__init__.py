@@ -1,0 +1,86 @@
+"""The registry of scene formats: one module a format, one line here.
+
+A format module has three names:
+
+    NAME        what users call the format, e.g. "XYZ"
+    SUFFIXES    the file name endings it reads, in lower case, e.g. (".xyz", ".extxyz")
+    load(path: pathlib.Path, options: LoadOptions) -> Scene
+
+and raises FormatError, its text beginning with the path, for a file that it cannot read. Modules
+are imported only when a file of theirs is loaded.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from ..errors import FormatError, unknown_name
+from ..scene import Scene
+
+# suffix -> module; the one list that a new format is added to
+FORMATS: dict[str, str] = {
+    ".json": "json_scene",
+    ".xyz": "xyz",
+    ".extxyz": "xyz",
+    ".dump": "lammps",
+    ".lammpstrj": "lammps",
+    ".npz": "npz",
+    ".gsd": "gsd_file",
+    ".pdb": "chemfiles_file",
+    ".gro": "chemfiles_file",
+}
+
+# endings that may follow those of FORMATS
+COMPRESSED = (".gz", ".bz2", ".xz")
+
+
+@dataclass(frozen=True)
+class LoadOptions:
+    """What the user asked of a loader; each one reads what it has a use for.
+
+    color_by: a per-particle field to colour by. colormap: a Matplotlib colour map's name.
+    color_range: field values at the two ends of the map; None for their 1st and 99th percentile.
+    radius: one radius for all particles, "vdw" or "covalent"; None for the loader's choice.
+    ground: a ground below the particles for shadows to fall on. frame: of a trajectory, from 0;
+    negative counts from the end. aspect: width / height of the picture to come, which a camera
+    that the loader chooses frames everything for.
+    """
+
+    color_by: str | None = None
+    colormap: str = "viridis"
+    color_range: tuple[float, float] | None = None
+    radius: float | str | None = None
+    ground: bool = False
+    frame: int = 0
+    aspect: float = 16 / 9
+
+
+def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Scene:
+    """Reads a scene or a particle file; which format is told by the ending of its name.
+
+    Raises FormatError for a file that is missing, broken or of no known format.
+    """
+    file = Path(path)
+    if not file.exists():
+        near = [p.name for p in file.parent.glob("*")] if file.parent.is_dir() else []
+        hint = unknown_name("file", file.name, near[:200]).partition(";")[2].partition("(")[0]
+        raise FormatError(f"{file}: no such file{';' + hint.rstrip() if 'mean' in hint else ''}")
+    if file.is_dir():
+        raise FormatError(f"{file}: is a folder, not a scene file")
+    suffixes = [s.lower() for s in file.suffixes]
+    if suffixes and suffixes[-1] in COMPRESSED:
+        suffixes.pop()
+    ending = suffixes[-1] if suffixes else ""
+    if ending not in FORMATS:
+        raise FormatError(f"{file}: {unknown_name('file ending', ending, FORMATS)}")
+    module = import_module(f".{FORMATS[ending]}", __name__)
+    try:
+        scene = module.load(file, options or LoadOptions())
+    except (OSError, MemoryError) as error:
+        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        raise FormatError(f"{file}: cannot be read: {reason}") from error
+    assert isinstance(scene, Scene)
+    return scene
