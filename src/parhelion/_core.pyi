@@ -1,95 +1,32 @@
-"""The renderer's compiled half; use the parhelion package instead."""
+"""Types of the compiled module; bindings/core.cpp is its source."""
 
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from typing import Any
 
-import numpy
+import numpy as np
 from numpy.typing import NDArray
 
-class Scene:
-    """Spheres, checked, in a tree."""
+Floats = NDArray[np.float32]
+Block = tuple[int, list[float]]
 
+class Scene:
     def __init__(
-        self,
-        arg0: Sequence[
-            tuple[
-                str,
-                Annotated[NDArray, dict(order="C", device="cpu", writable=False)],
-                Annotated[NDArray, dict(order="C", device="cpu", writable=False)],
-                int,
-                Annotated[
-                    NDArray[numpy.uint32],
-                    dict(shape=(None,), order="C", device="cpu", writable=False),
-                ]
-                | None,
-                Annotated[
-                    NDArray[numpy.float32],
-                    dict(shape=(None, 3), order="C", device="cpu", writable=False),
-                ]
-                | None,
-            ]
-        ],
-        arg1: Sequence[tuple[int, Sequence[float]]],
-        arg2: tuple[int, Sequence[float]],
-        /,
+        self, groups: Sequence[tuple[Any, ...]], materials: Sequence[Block], background: Block
     ) -> None: ...
-    def stats(self) -> dict: ...
+    def stats(self) -> dict[str, Any]: ...
     def intersect(
-        self,
-        origins: Annotated[
-            NDArray[numpy.float32], dict(shape=(None, 3), order="C", device="cpu", writable=False)
-        ],
-        directions: Annotated[
-            NDArray[numpy.float32], dict(shape=(None, 3), order="C", device="cpu", writable=False)
-        ],
-        tree: bool = True,
-        isa: str = "",
-    ) -> tuple[object, object]: ...
+        self, origins: Floats, directions: Floats, tree: bool = True, isa: str = ""
+    ) -> tuple[Floats, NDArray[np.int64]]: ...
     def occluded(
-        self,
-        origins: Annotated[
-            NDArray[numpy.float32], dict(shape=(None, 3), order="C", device="cpu", writable=False)
-        ],
-        directions: Annotated[
-            NDArray[numpy.float32], dict(shape=(None, 3), order="C", device="cpu", writable=False)
-        ],
-        limits: Annotated[
-            NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu", writable=False)
-        ],
-        tree: bool = True,
-        isa: str = "",
-    ) -> object: ...
+        self, origins: Floats, directions: Floats, limits: Floats, tree: bool = True, isa: str = ""
+    ) -> NDArray[np.uint8]: ...
     def light_sample(
         self, origin: Sequence[float], seed: int, n: int
-    ) -> tuple[object, object, object]: ...
+    ) -> tuple[Floats, Floats, Floats]: ...
 
-class View:
-    """A camera and settings, checked."""
-
-def make_view(
-    scene: Scene,
-    *,
-    eye: Sequence[float],
-    target: Sequence[float],
-    up: Sequence[float],
-    fov: float,
-    vfov: float,
-    aperture_radius: float,
-    focus_distance: float,
-    width: int,
-    height: int,
-    filter: str,
-    filter_radius: float,
-    sampler: str,
-    seed: int,
-    max_depth: int,
-    roulette: bool,
-    tree: bool,
-) -> View: ...
+class View: ...
 
 class Film:
-    """The sums of a rectangle of the picture."""
-
     def __init__(self, x: int, y: int, width: int, height: int) -> None: ...
     def render(
         self,
@@ -102,49 +39,26 @@ class Film:
         tile: int,
         schedule: str,
         isa: str,
-        tick: object | None,
+        tick: Callable[[int, int], bool] | None,
     ) -> tuple[int, int, bool]: ...
-    def arrays(self) -> tuple[object, object, object]: ...
+    def arrays(self) -> tuple[Floats, NDArray[np.uint32], NDArray[np.uint32]]: ...
 
+def make_view(scene: Scene, **settings: Any) -> View: ...
 def one_sample(
     scene: Scene, view: View, x: int, y: int, sample: int, isa: str = ""
 ) -> list[float]: ...
-def tables() -> dict: ...
+def tables() -> dict[str, list[Any]]: ...
 def instruction_sets() -> list[str]: ...
 def instruction_set() -> str: ...
 def release_threads() -> None: ...
-def warp(
-    name: str,
-    parameter: float,
-    u: Annotated[
-        NDArray[numpy.float32], dict(shape=(None, 2), order="C", device="cpu", writable=False)
-    ],
-) -> object: ...
-def warp_pdf(
-    name: str,
-    parameter: float,
-    w: Annotated[
-        NDArray[numpy.float32], dict(shape=(None, 3), order="C", device="cpu", writable=False)
-    ],
-) -> object: ...
+def warp(name: str, parameter: float, u: Floats) -> Floats: ...
+def warp_pdf(name: str, parameter: float, w: Floats) -> Floats: ...
 def bsdf_sample(
-    material: tuple[int, Sequence[float]], wo: Sequence[float], seed: int, n: int
-) -> tuple[object, object, object, object]: ...
-def bsdf_eval(
-    material: tuple[int, Sequence[float]],
-    wo: Sequence[float],
-    wi: Annotated[
-        NDArray[numpy.float32], dict(shape=(None, 3), order="C", device="cpu", writable=False)
-    ],
-) -> tuple[object, object]: ...
+    material: Block, wo: Sequence[float], seed: int, n: int
+) -> tuple[Floats, Floats, Floats, NDArray[np.uint8]]: ...
+def bsdf_eval(material: Block, wo: Sequence[float], wi: Floats) -> tuple[Floats, Floats]: ...
 def draws(
     sampler: str, x: int, y: int, first: int, n: int, dimension: int, seed: int
-) -> object: ...
-def filter_offsets(
-    filter: str,
-    radius: float,
-    u: Annotated[
-        NDArray[numpy.float32], dict(shape=(None,), order="C", device="cpu", writable=False)
-    ],
-) -> object: ...
+) -> Floats: ...
+def filter_offsets(filter: str, radius: float, u: Floats) -> Floats: ...
 def filter_values(filter: str, radius: float, x: Sequence[float]) -> list[float]: ...
