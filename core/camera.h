@@ -55,7 +55,7 @@ PH_INLINE bool camera_ray(const Camera& camera, const Box& bounds, u32 x, u32 y,
   const DVec3 on_lens = camera.lens_x * lens.x + camera.lens_y * lens.y;
   const DVec3 through = camera.corner + camera.right * (static_cast<double>(x) + offset.x) +
                         camera.down * (static_cast<double>(y) + offset.y) - on_lens;
-  const DVec3 direction = through * (1.0 / __builtin_sqrt(dot(through, through)));
+  const DVec3 direction = through * (1.0 / compiler::sqrt(dot(through, through)));
   const DVec3 origin = camera.eye + on_lens;
   const double start = entry(origin, direction, bounds);
   ray.direction = to_float(direction);

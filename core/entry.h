@@ -30,7 +30,7 @@ template <class Entry>
 PH_INLINE Entry from_block(const ParamBlock& block) {
   static_assert(sizeof(Entry) <= sizeof(block.value));
   Entry entry;
-  __builtin_memcpy(&entry, block.value, sizeof(Entry));
+  compiler::copy(&entry, block.value, sizeof(Entry));
   return entry;
 }
 

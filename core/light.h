@@ -23,7 +23,7 @@ PH_INLINE Vec3 light_radiance(const ParamBlock& block, Vec3 direction) {
 #include "lights.def"
 #undef LIGHT
   }
-  __builtin_unreachable();
+  compiler::unreachable();
 }
 
 }  // namespace parhelion::PH_ISA

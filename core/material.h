@@ -22,7 +22,7 @@ namespace parhelion::PH_ISA {
 template <class Material>
 PH_INLINE Material from_block(const ParamBlock& block, Vec3 color) {
   Material m = from_block<Material>(block);
-  __builtin_memcpy(&m, &color, sizeof(color));
+  compiler::copy(&m, &color, sizeof(color));
   return m;
 }
 
@@ -35,7 +35,7 @@ PH_INLINE auto with_material(const ParamBlock& block, Vec3 color, F&& f) {
 #include "materials.def"
 #undef MATERIAL
   }
-  __builtin_unreachable();
+  compiler::unreachable();
 }
 
 PH_INLINE Vec3 block_color(const ParamBlock& block) {

@@ -10,10 +10,10 @@ namespace parhelion::PH_ISA {
 PH_INLINE float min(float a, float b) { return a < b ? a : b; }
 PH_INLINE float max(float a, float b) { return a > b ? a : b; }
 PH_INLINE float clamp(float x, float low, float high) { return max(low, min(x, high)); }
-PH_INLINE float abs(float x) { return __builtin_fabsf(x); }
-PH_INLINE float sqrt(float x) { return __builtin_sqrtf(x); }
+PH_INLINE float abs(float x) { return compiler::abs(x); }
+PH_INLINE float sqrt(float x) { return compiler::sqrt(x); }
 PH_INLINE float safe_sqrt(float x) { return sqrt(max(x, 0.0f)); }
-PH_INLINE float copysign(float size, float sign) { return __builtin_copysignf(size, sign); }
+PH_INLINE float copysign(float size, float sign) { return compiler::copysign(size, sign); }
 PH_INLINE bool finite(float x) { return abs(x) < kInfinity; }  // false for NaN
 PH_INLINE float sqr(float x) { return x * x; }
 

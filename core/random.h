@@ -39,14 +39,10 @@ PH_INLINE u64 mix(u64 x) {
 }
 
 PH_INLINE u32 reverse_bits(u32 x) {
-#if defined(__CUDACC__)
-  return __brev(x);
-#else
-  x = __builtin_bswap32(x);
+  x = compiler::reverse_bytes(x);
   x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
   x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
   return ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
-#endif
 }
 
 // A uniform float in [0, 1) from the upper 24 bits: all multiples of 2^-24 are equally likely.

@@ -162,12 +162,6 @@ PH_INLINE u32 bits(const LaneMask& m) {
 }
 
 // Index of the lowest set bit; the argument is not 0.
-PH_INLINE u32 lowest_bit(u32 m) {
-#if defined(__CUDACC__)
-  return static_cast<u32>(__ffs(static_cast<int>(m)) - 1);
-#else
-  return static_cast<u32>(__builtin_ctz(m));
-#endif
-}
+PH_INLINE u32 lowest_bit(u32 m) { return compiler::trailing_zeros(m); }
 
 }  // namespace parhelion::PH_ISA

@@ -25,7 +25,7 @@ PH_INLINE auto with_primitive(const SceneView& scene, Slot slot, F&& f) {
 #include "shapes.def"
 #undef SHAPE
   }
-  __builtin_unreachable();
+  compiler::unreachable();
 }
 
 PH_INLINE const ParamBlock& material_of(const SceneView& scene, u32 id) {

@@ -21,19 +21,20 @@ PH_INLINE bool test_block(const Block& block, Child leaf, const Ray& ray, Neares
   alignas(64) float t[16];
   const u32 self_lane = ray.self.leaf == leaf ? ray.self.lane : kNone;
   u32 hits = intersect(block, ray, best.hit.t, self_lane, t);
-  if (kAny) {
+  if constexpr (kAny) {
     if (best.ignore.leaf == leaf) hits &= ~(1u << best.ignore.lane);
     return hits != 0;
-  }
-  while (hits != 0) {
-    const u32 lane = lowest_bit(hits);
-    hits &= hits - 1;
-    const u32 id = block.id[lane];
-    if (t[lane] < best.hit.t || (t[lane] == best.hit.t && id < best.id)) {
-      best = {{t[lane], {leaf, lane}}, id, kNoSlot};
+  } else {
+    while (hits != 0) {
+      const u32 lane = lowest_bit(hits);
+      hits &= hits - 1;
+      const u32 id = block.id[lane];
+      if (t[lane] < best.hit.t || (t[lane] == best.hit.t && id < best.id)) {
+        best = {{t[lane], {leaf, lane}}, id, kNoSlot};
+      }
     }
+    return false;
   }
-  return false;
 }
 
 template <bool kAny>
@@ -45,7 +46,7 @@ PH_INLINE bool test_leaf(const SceneView& scene, Child leaf, const Ray& ray, Nea
 #include "shapes.def"
 #undef SHAPE
   }
-  __builtin_unreachable();
+  compiler::unreachable();
 }
 
 // Bit i: the ray meets child i's box before `limit`; near[i] is where.
@@ -89,9 +90,7 @@ PH_INLINE bool walk_tree(const SceneView& scene, const Ray& ray, NearestHit& bes
           continue;
         }
         const auto entry = [&](u32 i) {
-          u32 distance;
-          __builtin_memcpy(&distance, &near[i], 4);
-          return static_cast<u64>(distance) << 32 | node.child[i];
+          return static_cast<u64>(__builtin_bit_cast(u32, near[i])) << 32 | node.child[i];
         };
         // Insertion sort on top of the stack, farthest first.
         u64* const first = top;
@@ -111,9 +110,7 @@ PH_INLINE bool walk_tree(const SceneView& scene, const Ray& ray, NearestHit& bes
     for (;;) {
       if (top == stack) return false;
       const u64 e = *--top;
-      const u32 upper = static_cast<u32>(e >> 32);
-      float distance;
-      __builtin_memcpy(&distance, &upper, 4);
+      const float distance = __builtin_bit_cast(float, static_cast<u32>(e >> 32));
       if (distance <= best.hit.t * kSlabSlack) {
         child = static_cast<Child>(e);
         break;

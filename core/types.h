@@ -5,15 +5,10 @@
 // host to kernel are plain data in namespace parhelion. All functions live in parhelion::PH_ISA,
 // a namespace per instruction set: the linker must never take an AVX-512 body for an SSE4.2 caller.
 #pragma once
+#include "compiler.h"
 
 #ifndef PH_ISA
 #define PH_ISA baseline
-#endif
-
-#if defined(__CUDACC__)
-#define PH_INLINE __forceinline__
-#else
-#define PH_INLINE [[gnu::always_inline]] inline
 #endif
 
 namespace parhelion {
@@ -25,7 +20,7 @@ using i64 = long long;
 
 static_assert(sizeof(u32) == 4 && sizeof(u64) == 8 && sizeof(float) == 4);
 
-inline constexpr float kInfinity = __builtin_huge_valf();
+inline constexpr float kInfinity = __builtin_bit_cast(float, 0x7f800000u);
 inline constexpr float kPi = 3.14159265358979324f;
 inline constexpr u32 kNone = ~0u;
 

@@ -22,10 +22,10 @@ struct alignas(64) Node {
   Child child[16];
 };
 
-constexpr Child make_leaf(ShapeKind kind, u32 block) {
+PH_INLINE constexpr Child make_leaf(ShapeKind kind, u32 block) {
   return kLeafBit | static_cast<u32>(kind) << kLeafKindShift | block;
 }
-constexpr ShapeKind leaf_kind(Child leaf) {
+PH_INLINE constexpr ShapeKind leaf_kind(Child leaf) {
   return static_cast<ShapeKind>((leaf >> kLeafKindShift) & 7u);
 }
 

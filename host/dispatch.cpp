@@ -13,7 +13,7 @@ std::vector<const Kernels*> runnable() {
   __builtin_cpu_init();
   if (__builtin_cpu_supports("sse4.2")) sets.push_back(&sse42::kKernels);
   const bool haswell = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") &&
-                       __builtin_cpu_supports("bmi2") && __builtin_cpu_supports("lzcnt");
+                       __builtin_cpu_supports("bmi2");
   if (haswell) sets.push_back(&avx2::kKernels);
   if (haswell && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
       __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {

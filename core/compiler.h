@@ -1,0 +1,36 @@
+// What compilers spell differently: GCC and Clang on one side, NVRTC on the other.
+#pragma once
+
+#if defined(__CUDACC__)
+
+#define PH_INLINE __forceinline__
+
+namespace parhelion::compiler {
+PH_INLINE float sqrt(float x) { return ::sqrtf(x); }
+PH_INLINE double sqrt(double x) { return ::sqrt(x); }
+PH_INLINE float abs(float x) { return ::fabsf(x); }
+PH_INLINE float copysign(float size, float sign) { return ::copysignf(size, sign); }
+PH_INLINE unsigned reverse_bytes(unsigned x) { return __byte_perm(x, 0, 0x0123); }
+PH_INLINE unsigned trailing_zeros(unsigned x) { return static_cast<unsigned>(__ffs(x) - 1); }
+PH_INLINE void copy(void* to, const void* from, unsigned long long n) { memcpy(to, from, n); }
+[[noreturn]] PH_INLINE void unreachable() { __builtin_unreachable(); }
+}  // namespace parhelion::compiler
+
+#else
+
+#define PH_INLINE [[gnu::always_inline]] inline
+
+namespace parhelion::compiler {
+PH_INLINE float sqrt(float x) { return __builtin_sqrtf(x); }
+PH_INLINE double sqrt(double x) { return __builtin_sqrt(x); }
+PH_INLINE float abs(float x) { return __builtin_fabsf(x); }
+PH_INLINE float copysign(float size, float sign) { return __builtin_copysignf(size, sign); }
+PH_INLINE unsigned reverse_bytes(unsigned x) { return __builtin_bswap32(x); }
+PH_INLINE unsigned trailing_zeros(unsigned x) { return static_cast<unsigned>(__builtin_ctz(x)); }
+PH_INLINE void copy(void* to, const void* from, unsigned long long n) {
+  __builtin_memcpy(to, from, n);
+}
+[[noreturn]] PH_INLINE void unreachable() { __builtin_unreachable(); }
+}  // namespace parhelion::compiler
+
+#endif

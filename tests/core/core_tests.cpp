@@ -1,0 +1,283 @@
+// Tests of core and host without Python, for the sanitizers to watch: every kernel, every
+// instruction set, builds and renders on several threads, stops and errors.
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "../../host/errors.h"
+#include "../../host/kernels.h"
+#include "../../host/render.h"
+#include "../../host/scene.h"
+#include "../../host/view.h"
+
+namespace {
+
+using namespace parhelion;
+
+int failures = 0;
+
+#define CHECK(condition)                                                  \
+  do {                                                                    \
+    if (!(condition)) {                                                   \
+      std::printf("%s:%d: failed: %s\n", __FILE__, __LINE__, #condition); \
+      ++failures;                                                         \
+    }                                                                     \
+  } while (0)
+
+template <class F>
+std::string message_of(F f) {
+  try {
+    f();
+  } catch (const SceneError& e) {
+    return e.what();
+  }
+  return "";
+}
+
+ParamBlock block(MaterialKind kind, std::vector<float> values) {
+  ParamBlock b{};
+  b.kind = static_cast<u32>(kind);
+  for (size_t i = 0; i < values.size(); ++i) b.value[i] = values[i];
+  return b;
+}
+
+ParamBlock white_sky() {
+  ParamBlock b{};
+  b.kind = static_cast<u32>(LightKind::constant);
+  b.value[0] = b.value[1] = b.value[2] = 1.0f;
+  return b;
+}
+
+// Spheres at random in a cube, of every material, one of them shining, over a ground.
+struct Cloud {
+  std::vector<double> centers, radii;
+  std::vector<u32> material;
+
+  explicit Cloud(size_t n) {
+    u64 state = 1;
+    const auto next = [&] {
+      state = baseline::mix(state + 0x9e3779b97f4a7c15ull);
+      return static_cast<double>(state >> 11) * 0x1p-53;
+    };
+    for (size_t i = 0; i < n; ++i) {
+      for (int k = 0; k < 3; ++k) centers.push_back(next());
+      radii.push_back(0.3 / std::cbrt(static_cast<double>(n)) * (0.2 + next()));
+      material.push_back(static_cast<u32>(i % 4));
+    }
+    centers.insert(centers.end(), {0.5, -1000.0, 0.5});
+    radii.push_back(1000.0);
+    material.push_back(0);
+  }
+
+  SphereGroup group() const {
+    SphereGroup g;
+    g.name = "cloud";
+    g.count = radii.size();
+    g.centers = centers.data();
+    g.centers_double = g.radii_double = true;
+    g.radii = radii.data();
+    g.material_of = material.data();
+    return g;
+  }
+
+  static std::vector<ParamBlock> materials() {
+    return {block(MaterialKind::diffuse, {0.7f, 0.5f, 0.3f}),
+            block(MaterialKind::metal, {0.9f, 0.9f, 0.9f, 0.2f}),
+            block(MaterialKind::dielectric, {1.0f, 1.0f, 1.0f, 1.5f}),
+            block(MaterialKind::emissive, {2.0f, 2.0f, 1.0f})};
+  }
+};
+
+RenderView make_view(const Scene& scene, u32 width, u32 height, SamplerKind sampler) {
+  const CameraInput camera = {{2.0, 1.2, 2.5}, {0.5, 0.4, 0.5}, {0, 1, 0}, 0.0, 40.0, 0.02, 0.0};
+  return {make_camera(camera, width, height, scene.scale()),
+          make_filter("blackman-harris", 0.0),
+          sampler,
+          7,
+          12,
+          true,
+          true};
+}
+
+bool same(const Film& a, const Film& b) {
+  return std::memcmp(a.pixels.data(), b.pixels.data(), a.pixels.size() * sizeof(FilmPixel)) == 0;
+}
+
+const Tick kNever = [](u64, u64) { return false; };
+
+void pictures_do_not_depend_on_how_they_are_made() {
+  const Cloud cloud(6000);
+  const Scene scene({cloud.group()}, Cloud::materials(), white_sky());
+  CHECK(scene.emitter_count() == 1500);
+  for (SamplerKind sampler : {SamplerKind::sobol, SamplerKind::independent}) {
+    const RenderView view = make_view(scene, 40, 24, sampler);
+    Film reference(0, 0, 40, 24);
+    render_pass(kernels("baseline"), scene, view, reference, 0, 4, {1, 16, Schedule::dynamic_},
+                kNever);
+    for (const std::string& isa : instruction_sets()) {
+      for (Schedule schedule : {Schedule::dynamic_, Schedule::static_, Schedule::guided}) {
+        Film film(0, 0, 40, 24);
+        render_pass(kernels(isa), scene, view, film, 2, 4, {3, 7, schedule}, kNever);
+        const PassResult r =
+            render_pass(kernels(isa), scene, view, film, 0, 2, {2, 16, schedule}, kNever);
+        CHECK(r.complete && r.samples == 40 * 24 * 2 && r.rays >= r.samples);
+        CHECK(same(reference, film));
+      }
+    }
+    RenderView brute = view;
+    brute.tree = false;
+    Film film(0, 0, 40, 24);
+    render_pass(kernels(), scene, brute, film, 0, 4, {2, 16, Schedule::dynamic_}, kNever);
+    CHECK(same(reference, film));
+    Film crop(10, 5, 9, 8);
+    render_pass(kernels(), scene, view, crop, 0, 4, {2, 4, Schedule::dynamic_}, kNever);
+    for (u32 y = 0; y < 8; ++y) {
+      CHECK(std::memcmp(&crop.pixels[y * 9], &reference.pixels[(y + 5) * 40 + 10],
+                        9 * sizeof(FilmPixel)) == 0);
+    }
+  }
+}
+
+void rays_meet_the_same_through_the_tree_and_without() {
+  for (size_t n : {0, 1, 15, 16, 17, 300, 20000}) {
+    const Cloud cloud(n);
+    const Scene scene({cloud.group()}, Cloud::materials(), white_sky());
+    std::vector<Ray> rays;
+    const float scale = static_cast<float>(scene.scale());
+    for (u32 i = 0; i < 500; ++i) {
+      const auto s = baseline::make_sampler(SamplerKind::independent, 1, 2, i, 3);
+      const Vec2 a = baseline::draw2(s, 0), b = baseline::draw2(s, 1);
+      rays.push_back({{a.x * scale, a.y * scale, b.x * scale},
+                      baseline::uniform_sphere(baseline::draw2(s, 2)),
+                      kNoSlot,
+                      false});
+    }
+    const std::vector<float> limit(rays.size(), kInfinity);
+    std::vector<Hit> tree(rays.size()), brute(rays.size());
+    std::vector<u8> blocked(rays.size());
+    for (const std::string& isa : instruction_sets()) {
+      kernels(isa).intersect(scene.view(), rays.data(), limit.data(), rays.size(), true,
+                             tree.data());
+      kernels(isa).intersect(scene.view(), rays.data(), limit.data(), rays.size(), false,
+                             brute.data());
+      kernels(isa).occluded(scene.view(), rays.data(), limit.data(), rays.size(), true,
+                            blocked.data());
+      for (size_t i = 0; i < rays.size(); ++i) {
+        const bool hit = tree[i].slot.leaf != kNone;
+        CHECK(tree[i].t == brute[i].t && tree[i].slot.leaf == brute[i].slot.leaf &&
+              tree[i].slot.lane == brute[i].slot.lane);
+        CHECK(hit == (blocked[i] != 0));
+      }
+    }
+  }
+}
+
+// Centres that coincide, and sizes over thirty powers of ten: the tree's depth stays bounded.
+void hard_cases_build() {
+  std::vector<double> centers, radii;
+  for (int i = 0; i < 5000; ++i) {
+    const double x = i < 2000 ? 0.0 : std::ldexp(1.0, -(i % 100));
+    centers.insert(centers.end(), {x, 0.0, 0.0});
+    radii.push_back(std::ldexp(1.0, -(i % 90)));
+  }
+  SphereGroup g;
+  g.name = "hard";
+  g.count = radii.size();
+  g.centers = centers.data();
+  g.radii = radii.data();
+  g.centers_double = g.radii_double = true;
+  const Scene scene({g}, Cloud::materials(), white_sky());
+  const Ray ray = {{0.9f, 0.9f, 0.9f}, {-0.57735026f, -0.57735026f, -0.57735026f}, kNoSlot, false};
+  const float limit = kInfinity;
+  Hit tree, brute;
+  kernels().intersect(scene.view(), &ray, &limit, 1, true, &tree);
+  kernels().intersect(scene.view(), &ray, &limit, 1, false, &brute);
+  CHECK(tree.slot.leaf != kNone && tree.t == brute.t && tree.slot.leaf == brute.slot.leaf);
+}
+
+void a_pass_can_be_stopped() {
+  const Cloud cloud(2000);
+  const Scene scene({cloud.group()}, Cloud::materials(), white_sky());
+  const RenderView view = make_view(scene, 200, 200, SamplerKind::sobol);
+  Film film(0, 0, 200, 200);
+  int calls = 0;
+  const PassResult r =
+      render_pass(kernels(), scene, view, film, 0, 1000, {3, 4, Schedule::dynamic_},
+                  [&](u64, u64) { return ++calls >= 2; });
+  CHECK(!r.complete && calls == 2 && r.samples < 200ull * 200 * 1000);
+  u64 counted = 0;
+  for (const FilmPixel& p : film.pixels) counted += p.count;
+  CHECK(counted == r.samples);
+}
+
+void sums_are_exact_in_any_order() {
+  const float values[] = {1e-12f, 3.25f, 1e9f, 0.1f, 7e-5f, 123456.78f, 0.0f, 1e30f, -1.0f};
+  FilmPixel forth{}, back{};
+  for (int i = 0; i < 9; ++i) {
+    baseline::add(forth, {values[i], values[i], values[i]});
+    baseline::add(back, {values[8 - i], values[8 - i], values[8 - i]});
+    baseline::carry(back);
+  }
+  baseline::carry(forth);
+  CHECK(std::memcmp(&forth, &back, sizeof forth) == 0);
+  baseline::add(forth, {std::nanf(""), 0, 0});
+  CHECK(forth.bad == 1 && forth.count == 10);
+}
+
+void mistakes_are_named() {
+  Cloud cloud(40);
+  const auto make = [&] { Scene({cloud.group()}, Cloud::materials(), white_sky()); };
+  CHECK(message_of(make).empty());
+  cloud.radii[17] = -1.0;
+  CHECK(message_of(make).find("shape 'cloud': radii[17] is -1") == 0);
+  cloud.radii[17] = 1.0;
+  cloud.centers[3 * 5 + 1] = NAN;
+  CHECK(message_of(make).find("centers[5] is not finite: y") != std::string::npos);
+  cloud.centers[3 * 5 + 1] = 0.0;
+  cloud.material[9] = 4;
+  CHECK(message_of(make).find("material[9] is 4; the scene has materials 0 to 3") !=
+        std::string::npos);
+  CHECK(message_of([] { kernels("mmx"); }).find("baseline") != std::string::npos);
+  CHECK(message_of([] { make_filter("boxy", 0.0); }).find("tent") != std::string::npos);
+  CameraInput camera = {{1, 2, 3}, {1, 2, 3}, {0, 1, 0}, 0.0, 40.0, 0.0, 0.0};
+  CHECK(message_of([&] { make_camera(camera, 4, 4, 1.0); }).find("same point") !=
+        std::string::npos);
+}
+
+void probes_run() {
+  const Cloud cloud(100);
+  const Scene scene({cloud.group()}, Cloud::materials(), white_sky());
+  const Kernels& k = kernels();
+  for (const ParamBlock& m : Cloud::materials()) {
+    std::vector<BsdfProbe> probes(64);
+    k.bsdf_sample(m, {0.6f, 0.0f, 0.8f}, 1, probes.size(), probes.data());
+    Vec3 value;
+    float pdf;
+    k.bsdf_eval(m, {0.6f, 0.0f, 0.8f}, &probes[0].wi, 1, &value, &pdf);
+    CHECK(baseline::finite(value) && pdf == probes[0].pdf);
+  }
+  std::vector<LightProbe> lights(64);
+  k.light_sample(scene.view(), {0.0f, 0.9f, 0.0f}, 1, lights.size(), lights.data());
+  for (const LightProbe& l : lights) CHECK(l.pdf > 0.0f);
+  const Scene empty({}, {}, white_sky());
+  const RenderView view = make_view(empty, 3, 3, SamplerKind::sobol);
+  CHECK(k.radiance(empty.view(), view, 1, 1, 0).x == 1.0f);
+}
+
+}  // namespace
+
+int main() {
+  pictures_do_not_depend_on_how_they_are_made();
+  rays_meet_the_same_through_the_tree_and_without();
+  hard_cases_build();
+  a_pass_can_be_stopped();
+  sums_are_exact_in_any_order();
+  mistakes_are_named();
+  probes_run();
+  release_threads();
+  std::printf("core tests: %d failed\n", failures);
+  return failures == 0 ? 0 : 1;
+}

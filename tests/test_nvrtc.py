@@ -1,0 +1,70 @@
+"""The kernels compile, unchanged, for GPUs: NVRTC needs neither a GPU nor a driver for that."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+CORE = Path(__file__).resolve().parent.parent / "core"
+
+# All of core/ behind one entry point: a thread a pixel, as a GPU host would call it.
+KERNEL = """
+#include "film.h"
+#include "path.h"
+
+using namespace parhelion;
+
+extern "C" __global__ void render(const SceneView* scene, const RenderView* view, FilmPixel* film,
+                                  unsigned width, unsigned height, unsigned first, unsigned last) {
+  const unsigned x = blockIdx.x * blockDim.x + threadIdx.x;
+  const unsigned y = blockIdx.y * blockDim.y + threadIdx.y;
+  if (x >= width || y >= height) return;
+  PathStats stats = {0};
+  for (unsigned s = first; s < last; ++s) {
+    PH_ISA::add(film[y * width + x], PH_ISA::radiance(*scene, *view, x, y, s, stats));
+  }
+}
+"""
+
+
+def library() -> ctypes.CDLL:
+    """NVRTC from the nvidia-cuda-nvrtc wheel, wherever the wheel puts it."""
+    spec = importlib.util.find_spec("nvidia")
+    if spec is None or spec.submodule_search_locations is None:
+        pytest.skip("the nvidia-cuda-nvrtc wheel is not installed")
+    for folder in spec.submodule_search_locations:
+        for file in sorted(Path(folder).rglob("libnvrtc.so.*")):
+            if "builtins" not in file.name:
+                return ctypes.CDLL(str(file))
+    pytest.skip("the nvidia-cuda-nvrtc wheel has no library for this platform")
+
+
+@pytest.mark.parametrize("architecture", ["sm_80", "sm_90"])
+def test_core_compiles_to_a_cubin(architecture: str) -> None:
+    nvrtc = library()
+    program = ctypes.c_void_p()
+    source = KERNEL.encode()
+    assert nvrtc.nvrtcCreateProgram(ctypes.byref(program), source, b"render.cu", 0, None, None) == 0
+    options = [
+        f"--gpu-architecture={architecture}".encode(),
+        b"--std=c++20",
+        f"--include-path={CORE}".encode(),
+        b"--device-as-default-execution-space",
+        b"--fmad=false",  # as on the CPU: no contraction, the same bits everywhere
+        b"-DPH_ISA=cuda",
+    ]
+    result = nvrtc.nvrtcCompileProgram(program, len(options), (ctypes.c_char_p * len(options))(*options))
+    size = ctypes.c_size_t()
+    nvrtc.nvrtcGetProgramLogSize(program, ctypes.byref(size))
+    log = ctypes.create_string_buffer(size.value)
+    nvrtc.nvrtcGetProgramLog(program, log)
+    assert result == 0, log.value.decode()
+    assert nvrtc.nvrtcGetCUBINSize(program, ctypes.byref(size)) == 0
+    cubin = ctypes.create_string_buffer(size.value)
+    assert nvrtc.nvrtcGetCUBIN(program, cubin) == 0
+    assert cubin.raw[:4] == b"\x7fELF"
+    assert b"render" in cubin.raw
+    nvrtc.nvrtcDestroyProgram(ctypes.byref(program))
