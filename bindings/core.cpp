@@ -477,7 +477,11 @@ NB_MODULE(_core, m) {
   m.def("tables", &tables);
   m.def("instruction_sets", &instruction_sets);
   m.def("instruction_set", [] { return std::string(kernels().name); });
-  m.def("release_threads", &release_threads);
+  // OpenMP's threads do not survive a fork, and a child that waits for them hangs.
+  nb::object os = nb::module_::import_("os");
+  if (nb::hasattr(os, "register_at_fork")) {
+    os.attr("register_at_fork")("before"_a = nb::cpp_function(&release_threads));
+  }
 
   m.def("warp", &warp, "name"_a, "parameter"_a, "u"_a);
   m.def("warp_pdf", &warp_pdf, "name"_a, "parameter"_a, "w"_a);

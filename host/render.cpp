@@ -23,9 +23,12 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderV
   // Often enough to stop well within a second, rarely enough to cost nothing.
   constexpr auto interval = std::chrono::milliseconds(50);
 
+  constexpr u32 kSamplesPerStep = 128;
+
   const u32 edge = options.tile;
   const u32 across = (film.width + edge - 1) / edge, down = (film.height + edge - 1) / edge;
   const i64 tiles = static_cast<i64>(across) * down;
+  const u64 steps = (last - first + kSamplesPerStep - 1) / kSamplesPerStep;
   const SceneView scene_view = scene.view();
   std::atomic<u64> samples{0}, rays{0};
   std::atomic<bool> stop{false};
@@ -43,11 +46,15 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderV
     const u32 x1 = std::min(x0 + edge, film.width), y1 = std::min(y0 + edge, film.height);
     PathStats stats = {0};
     u64 done = 0;
-    for (u32 y = y0; y < y1 && !stop.load(std::memory_order_relaxed); ++y) {
+    // A row of a tile at a time, and of many samples only some, so that a stop is never far.
+    for (u64 step = 0; step < steps * (y1 - y0) && !stop.load(std::memory_order_relaxed); ++step) {
+      const u32 y = y0 + static_cast<u32>(step / steps);
+      const u32 from = first + static_cast<u32>(step % steps) * kSamplesPerStep;
+      const u32 to = std::min(last, from + kSamplesPerStep);
       FilmPixel* row = &film.pixels[static_cast<size_t>(y) * film.width + x0];
-      kernels.render_row(scene_view, view, film.y + y, film.x + x0, film.x + x1, first, last, row,
+      kernels.render_row(scene_view, view, film.y + y, film.x + x0, film.x + x1, from, to, row,
                          stats);
-      done += static_cast<u64>(x1 - x0) * (last - first);
+      done += static_cast<u64>(x1 - x0) * (to - from);
       if (omp_get_thread_num() == 0 && Clock::now() >= next) {
         if (tick(samples.load(std::memory_order_relaxed) + done,
                  rays.load(std::memory_order_relaxed) + stats.rays)) {

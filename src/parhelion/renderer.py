@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 import operator
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from . import machine
 from .errors import ResourceError, SceneError, unknown_name
 from .flatten import Flat, flatten
 from .image import Image, RenderStats
@@ -48,13 +48,6 @@ class Prepared:
     flat: Flat
     core: Any
     seconds: float
-
-
-def cores() -> int:
-    """The number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def prepare(scene: Scene) -> Prepared:
@@ -110,7 +103,7 @@ def render(
     view_camera = camera or prepared.scene.camera or framed(prepared.scene, wanted)
     if tree not in ("bvh", "none"):
         raise SceneError(unknown_name("tree", tree, ["bvh", "none"]))
-    count = _whole("threads", threads, 0, 4096) or cores()
+    count = _whole("threads", threads, 0, 4096) or machine.cores_available()
     view = make_view(prepared, view_camera, wanted, tree=tree == "bvh")
     x, y, width, height = wanted.crop or (0, 0, wanted.width, wanted.height)
     try:
@@ -225,14 +218,16 @@ def _passes(
     tile: int,
     isa: str,
 ) -> RenderStats:
-    """Samples in passes, the first of one sample a pixel. Sums are exact: no split changes them."""
+    """Samples in passes, the first of one sample a pixel, so that the whole picture is there early;
+    all in one where nobody watches. Sums are exact: no split changes them.
+    """
     from . import _core
 
     pixels = (settings.crop or (0, 0, settings.width, settings.height))[2:]
     total = pixels[0] * pixels[1] * settings.spp
     start = time.perf_counter()
     samples = rays = done = 0
-    size, complete = 1, True
+    size, complete = (1 if report else settings.spp), True
     while done < settings.spp and complete:
         before = time.perf_counter()
 

@@ -1,0 +1,138 @@
+"""The files of a study: study.csv, study.json, chart.png and report.html."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import math
+import os
+import tempfile
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import ResourceError
+from . import original, words
+
+if TYPE_CHECKING:
+    from .measure import Study
+    from .summary import Summary
+
+
+def prepare_folder(folder: Path) -> None:
+    """Makes the folder, and a file in it to see that that works. Raises ResourceError.
+
+    Called before anything is measured: an hour of timing must not end at a folder that can not
+    be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=".parhelion-"):
+            pass
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        reason = getattr(error, "strerror", None) or error
+        raise ResourceError(f"{folder}: can not write into this folder: {reason}") from error
+
+
+def write(folder: Path, study: Study, summary: Summary) -> list[Path]:
+    """Writes the four files, each whole or not at all, and returns their paths.
+
+    Other files of the folder are left alone. Raises ResourceError.
+    """
+    from . import charts, report
+
+    contents = {
+        "study.csv": runs_csv(study).encode(),
+        "study.json": (json.dumps(document(study, summary), indent=1) + "\n").encode(),
+        "chart.png": charts.png(study, summary),
+        "report.html": report.html(study, summary).encode(),
+    }
+    for name, content in contents.items():
+        _replace(folder / name, content)
+    return [folder / name for name in contents]
+
+
+def runs_csv(study: Study) -> str:
+    """One line a run, in the order measured."""
+    from .measure import Run
+
+    out = io.StringIO()
+    names = [field.name for field in fields(Run)]
+    writer = csv.DictWriter(out, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(run) for run in study.runs)
+    return out.getvalue()
+
+
+def document(study: Study, summary: Summary) -> dict[str, Any]:
+    """Everything the study knows, as plain values for JSON."""
+    plan = study.plan
+    return {
+        "format": "parhelion-study",
+        "version": 1,
+        "complete": study.complete,
+        "command": plan.command(),
+        "scene": study.scene_name,
+        "settings": {**asdict(plan), "filter": "box", "roulette": False},
+        "machine": study.machine,
+        "headline": words.headline(study, summary),
+        "notes": words.notes(study, summary),
+        "pictures": [
+            {
+                "width": width,
+                "height": plan.height(width),
+                "tiles": plan.tiles(width),
+                "identical": len(study.hashes(width)) == 1,
+                "sha256": sorted(study.hashes(width)),
+            }
+            for width in summary.widths
+        ],
+        "runs": [asdict(run) for run in study.runs],
+        "summary": [asdict(point) for point in summary.points],
+        "amdahl": [
+            {
+                "width": width,
+                "schedule": schedule,
+                "fit": None
+                if fit is None
+                else {
+                    **asdict(fit),
+                    "limit": fit.limit if math.isfinite(fit.limit) else None,
+                },
+            }
+            for (width, schedule), fit in summary.fits.items()
+        ],
+        "pair": None
+        if study.pair is None
+        else {
+            "spp": [picture.spp for picture in study.pair],
+            "width": study.pair[0].width,
+            "height": study.pair[0].height,
+            "seconds": [picture.seconds for picture in study.pair],
+            "relative_rms_difference": study.pair_rms,
+        },
+        "original": {
+            "threads": original.THREADS,
+            "widths": original.WIDTHS,
+            "seconds": original.SECONDS,
+            "amdahl": {str(w): asdict(words.original_fit(w)) for w in original.WIDTHS},
+        },
+    }
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Writes beside the file and renames over it: the old one is whole until the new one is."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with open(temporary, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except OSError as error:
+        raise ResourceError(f"{path}: can not be written: {error.strerror or error}") from error
+    finally:
+        with contextlib.suppress(OSError):  # gone already when all went well
+            temporary.unlink()
