@@ -32,7 +32,10 @@ def unknown_name(what: str, name: object, choices: Iterable[str]) -> str:
     "unknown material type 'mettal'; did you mean 'metal'? (choices: diffuse, metal)"
     """
     known = sorted(choices)
-    near = get_close_matches(str(name), known, n=1)
-    guess = f"; did you mean {near[0]!r}?" if near else ";"
+    name = str(name)
+    if len(name) > 60:  # a file may hold anything
+        name = name[:57] + "..."
+    near = get_close_matches(name, known, n=1)
+    guess = f"; did you mean {near[0]!r}?" if near else ""
     shown = ", ".join(known[:12]) + (f", ... {len(known)} in all" if len(known) > 12 else "")
-    return f"unknown {what} {str(name)!r}{guess} (choices: {shown or 'none'})"
+    return f"unknown {what} {name!r}{guess} (choices: {shown or 'none'})"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import stat
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -13,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import FormatError, ResourceError, SceneError, unknown_name
+from .atomic import is_special, replacing
+from .errors import ResourceError, SceneError, unknown_name
 from .scene import Camera, Settings
 
 if TYPE_CHECKING:
@@ -99,14 +101,13 @@ class Image:
             data = self.pixels.astype(np.float16) if depth == 16 else self.pixels
         else:
             data = self.srgb(depth)
-        write(file, data, self.metadata())
+        content = encoded(data, self.metadata(), ending)
+        with replacing(file) as temporary:
+            temporary.write_bytes(content)
 
     def png_bytes(self) -> bytes:
         """The picture as the bytes of an 8-bit sRGB PNG file."""
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "image.png"
-            write(file, self.srgb(), self.metadata())
-            return file.read_bytes()
+        return encoded(self.srgb(), self.metadata(), ".png")
 
     def _repr_png_(self) -> bytes:
         return self.png_bytes()
@@ -136,126 +137,52 @@ def check_output(path: str | os.PathLike[str], bits: int | None = None) -> None:
         raise ResourceError(f"{file}: is a folder")
     if not target.parent.is_dir():
         raise ResourceError(f"{file}: there is no folder {target.parent}")
-    needed = target if _is_special(target) else target.parent
+    needed = target if is_special(target) else target.parent
     if not os.access(needed, os.W_OK):
         raise ResourceError(f"{file}: no permission to write {needed}")
 
 
-def write(file: Path, data: NDArray[Any], metadata: dict[str, str]) -> None:
-    """Writes pixels beside their target, reads them back, syncs, and only then renames.
+def encoded(data: NDArray[Any], metadata: dict[str, str], ending: str) -> bytes:
+    """Pixels, (H, W, channels), as the bytes of a file with that ending.
 
-    A link is followed: what it points to is replaced, not the link.
+    The library writes into memory, for on a full disk some of its writers report success and one
+    ends the process.
     """
-    target = Path(os.path.realpath(file))
-    special = _is_special(target)
-    folder = None if special else target.parent
-    try:
-        handle, name = tempfile.mkstemp(
-            suffix=target.suffix if not special else file.suffix, prefix=".parhelion-", dir=folder
-        )
-        os.close(handle)
-        temporary = Path(name)
-        try:
-            _encode(temporary, data, metadata)
-            if special:
-                with open(target, "wb") as device:
-                    device.write(temporary.read_bytes())
-            else:
-                _copy_mode(target, temporary)
-                _sync(temporary)
-                os.replace(temporary, target)
-                _sync(target.parent)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        if isinstance(error, ResourceError):
-            raise ResourceError(f"{file}: {error}") from error
-        raise ResourceError(f"{file}: cannot be written: {error.strerror or error}") from error
-
-
-def read(path: str | os.PathLike[str]) -> NDArray[Any]:
-    """The pixels of a picture file as stored, (H, W, channels).
-
-    Raises FormatError for a file that is not a picture.
-    """
-    import OpenImageIO as oiio
-
-    source = oiio.ImageInput.open(os.fspath(path))
-    if source is None:
-        raise FormatError(f"{path}: {oiio.geterror() or 'not a picture'}")
-    pixels = source.read_image(source.spec().format)
-    source.close()
-    if pixels is None:
-        raise FormatError(f"{path}: {source.geterror() or 'broken picture'}")
-    return np.asarray(pixels)
-
-
-def _encode(file: Path, data: NDArray[Any], metadata: dict[str, str]) -> None:
     import OpenImageIO as oiio
 
     height, width, channels = data.shape
-    spec = oiio.ImageSpec(
-        width,
-        height,
-        channels,
-        str(data.dtype).replace("float32", "float").replace("float16", "half"),
-    )
+    names = {"float32": "float", "float16": "half"}
+    spec = oiio.ImageSpec(width, height, channels, names.get(str(data.dtype), str(data.dtype)))
     for key, value in metadata.items():
         spec.attribute(key, value)
     # JPEG keeps only what it knows, so everything is also told in the description
     spec.attribute("ImageDescription", json.dumps(metadata))
-    if file.suffix.lower() == ".exr":
+    if ending == ".exr":
         spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
         spec.attribute("compression", "zip")
     else:
         spec.attribute("oiio:ColorSpace", "sRGB")
         spec.attribute("CompressionQuality", 95)
-    output = oiio.ImageOutput.create(str(file))
+    output = oiio.ImageOutput.create(f"image{ending}")
     if output is None:
-        raise ResourceError(oiio.geterror() or "no writer for this ending")
-    ok = output.open(str(file), spec) and output.write_image(np.ascontiguousarray(data))
-    reason = output.geterror()
-    ok = output.close() and ok
-    if not ok:
-        raise ResourceError(f"cannot be written: {reason or output.geterror() or 'unknown reason'}")
-    # A full disk may be reported by nobody: believe only what can be read back.
-    try:
-        stored = read(file)
-    except FormatError as error:
-        raise ResourceError(
-            "cannot be written: what was stored cannot be read back; is the disk full?"
-        ) from error
-    lossless = file.suffix.lower() not in (".jpg", ".jpeg")
-    if stored.shape != data.shape or (
-        lossless and not np.array_equal(stored, data, equal_nan=True)
-    ):
-        raise ResourceError(
-            "cannot be written: what was stored is not what was written; is the disk full?"
-        )
+        raise ResourceError(oiio.geterror() or f"no writer for {ending}")
+    with _memory_file() as path:
+        ok = output.open(path, spec) and output.write_image(np.ascontiguousarray(data))
+        reason = output.geterror()
+        if not (output.close() and ok):
+            raise ResourceError(reason or output.geterror() or f"the writer of {ending} failed")
+        return Path(path).read_bytes()
 
 
-def _is_special(path: Path) -> bool:
-    """A device or pipe, which can be written to but not replaced."""
-    try:
-        return not stat.S_ISREG(path.stat().st_mode)
-    except OSError:
-        return False
-
-
-def _copy_mode(target: Path, temporary: Path) -> None:
-    """The new file has the permissions of the old one, or those of any new file."""
-    try:
-        mode = stat.S_IMODE(target.stat().st_mode)
-    except OSError:
-        umask = os.umask(0)
-        os.umask(umask)
-        mode = 0o666 & ~umask
-    os.chmod(temporary, mode)
-
-
-def _sync(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+@contextmanager
+def _memory_file() -> Iterator[str]:
+    """The path of an empty file in memory; where there is no such thing, of a temporary one."""
+    if hasattr(os, "memfd_create"):
+        handle = os.memfd_create("parhelion")
+        try:
+            yield f"/proc/self/fd/{handle}"
+        finally:
+            os.close(handle)
+    else:
+        with tempfile.TemporaryDirectory() as folder:
+            yield os.path.join(folder, "image")

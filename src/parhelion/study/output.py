@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import io
 import json
 import math
-import os
 import tempfile
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..atomic import replacing
 from ..errors import ResourceError
 from . import original, words
 
@@ -50,7 +49,8 @@ def write(folder: Path, study: Study, summary: Summary) -> list[Path]:
         "report.html": report.html(study, summary).encode(),
     }
     for name, content in contents.items():
-        _replace(folder / name, content)
+        with replacing(folder / name) as temporary:
+            temporary.write_bytes(content)
     return [folder / name for name in contents]
 
 
@@ -120,19 +120,3 @@ def document(study: Study, summary: Summary) -> dict[str, Any]:
             "amdahl": {str(w): asdict(words.original_fit(w)) for w in original.WIDTHS},
         },
     }
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Writes beside the file and renames over it: the old one is whole until the new one is."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with open(temporary, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError as error:
-        raise ResourceError(f"{path}: can not be written: {error.strerror or error}") from error
-    finally:
-        with contextlib.suppress(OSError):  # gone already when all went well
-            temporary.unlink()

@@ -1,0 +1,72 @@
+"""Writing a file so that the old one is whole until the new one is complete."""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from .errors import ResourceError
+
+
+@contextmanager
+def replacing(file: Path) -> Iterator[Path]:
+    """A temporary path with the same ending; when the block ends well it takes the file's place.
+
+    A link is followed: what it points to is replaced, not the link. A device or a pipe, which
+    cannot be replaced, is written to. Raises ResourceError for whatever the system refuses; the
+    temporary file is gone then and the old one untouched.
+    """
+    target = Path(os.path.realpath(file))
+    special = is_special(target)
+    try:
+        folder = None if special else target.parent
+        handle, name = tempfile.mkstemp(suffix=file.suffix, prefix=".parhelion-", dir=folder)
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+            if special:
+                with open(target, "wb") as device:
+                    device.write(temporary.read_bytes())
+            else:
+                os.chmod(temporary, _mode(target))
+                _sync(temporary)
+                os.replace(temporary, target)
+                _sync(target.parent)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except ResourceError as error:
+        raise ResourceError(f"{file}: cannot be written: {error}") from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        reason = getattr(error, "strerror", None) or error
+        raise ResourceError(f"{file}: cannot be written: {reason}") from error
+
+
+def is_special(path: Path) -> bool:
+    """Something that is there but no regular file."""
+    try:
+        return not stat.S_ISREG(path.stat().st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def _mode(target: Path) -> int:
+    """The permissions of the old file, or those of any new one."""
+    try:
+        return stat.S_IMODE(target.stat().st_mode)
+    except OSError:
+        umask = os.umask(0)
+        os.umask(umask)
+        return 0o666 & ~umask
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
