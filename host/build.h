@@ -70,6 +70,7 @@ class TreeBuilder {
 
  private:
   static constexpr size_t kLeafSize = 16;
+  static constexpr double kUsualLeaf = 11.0;  // references in a leaf, as measured on average
   static constexpr int kBins = 16;
   // Below this many references a subtree is one thread's job.
   static constexpr size_t kJobSize = 4096;
@@ -222,13 +223,23 @@ class TreeBuilder {
     }
   }
 
+  // Children for a part of n references such that the levels below are filled evenly: sixteen each
+  // from the top would leave the last level of nodes two or three leaves.
+  static int fanout(size_t n) {
+    const double leaves = static_cast<double>(n) / kUsualLeaf;
+    int levels = 1;
+    for (double capacity = 16.0; capacity < leaves; capacity *= 16.0) ++levels;
+    return std::clamp(static_cast<int>(std::ceil(std::pow(leaves, 1.0 / levels))), 2, 16);
+  }
+
   // Up to sixteen parts of p, made by dividing the one of largest surface again and again; of most
   // references where the tree has grown so deep that its depth must be bounded.
   int children_of(const Part& p, int depth, Part (&child)[16]) {
     const bool by_count = depth > kMaxTreeDepth / 2;
+    const int wanted = by_count ? 16 : fanout(p.size());
     int count = 1;
     child[0] = p;
-    while (count < 16) {
+    while (count < wanted) {
       int next = -1;
       float largest = -1.0f;
       for (int i = 0; i < count; ++i) {
