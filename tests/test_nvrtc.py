@@ -56,7 +56,8 @@ def test_core_compiles_to_a_cubin(architecture: str) -> None:
         b"--fmad=false",  # as on the CPU: no contraction, the same bits everywhere
         b"-DPH_ISA=cuda",
     ]
-    result = nvrtc.nvrtcCompileProgram(program, len(options), (ctypes.c_char_p * len(options))(*options))
+    texts = (ctypes.c_char_p * len(options))(*options)
+    result = nvrtc.nvrtcCompileProgram(program, len(options), texts)
     size = ctypes.c_size_t()
     nvrtc.nvrtcGetProgramLogSize(program, ctypes.byref(size))
     log = ctypes.create_string_buffer(size.value)

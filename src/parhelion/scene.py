@@ -15,7 +15,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # NumPy takes longer to import than all of this package
-    import numpy as np
     from numpy.typing import ArrayLike
 
 Vec3 = tuple[float, float, float]
@@ -42,6 +41,22 @@ class Camera:
     vfov: float | None = None
     aperture_radius: float = 0.0
     focus_distance: float | None = None
+
+
+@dataclass(frozen=True)
+class Framing:
+    """A camera yet to be placed: as near as shows shapes whole, whatever the picture's proportions.
+
+    direction: from the shapes towards the camera, of any length but 0. up, vfov: as in Camera.
+    fill: share of the picture's width or height that the shapes take. shapes: names of those to
+    show; () for all.
+    """
+
+    direction: Vec3 = (0.0, 0.0, 1.0)
+    up: Vec3 = (0.0, 1.0, 0.0)
+    vfov: float = 40.0
+    fill: float = 0.92
+    shapes: tuple[str, ...] = ()
 
 
 class _Entry:
@@ -145,13 +160,13 @@ class Scene:
     """Everything there is to see, and the camera that sees it.
 
     shapes: any number of Spheres. materials: named ones, for shapes to refer to.
-    camera: None frames all shapes from the front. settings: defaults for render().
+    camera: None is Framing(), all shapes from the front. settings: defaults for render().
     name: what the scene calls itself; error texts and metadata use it.
     """
 
     shapes: Sequence[Shape] = ()
     materials: Mapping[str, Material] = field(default_factory=dict)
-    camera: Camera | None = None
+    camera: Camera | Framing | None = None
     background: Background = field(default_factory=lambda: Background("gradient"))
     settings: Settings = field(default_factory=Settings)
     name: str = "scene"
@@ -159,39 +174,3 @@ class Scene:
     def replace(self, **changes: Any) -> Scene:
         """A copy with some fields changed, as dataclasses.replace."""
         return replace(self, **changes)
-
-
-def bounds(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner, (3,) float64 each, of the box that holds every shape of a scene."""
-    import numpy as np
-
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for shape in scene.shapes:
-        centers = np.asarray(shape.centers)
-        if centers.size == 0:
-            continue
-        radii = np.asarray(shape.radii)[..., None]
-        low = np.minimum(low, np.min(centers - radii, axis=0))
-        high = np.maximum(high, np.max(centers + radii, axis=0))
-    return low, high
-
-
-def framed(scene: Scene, settings: Settings, direction: Vec3 = (0.0, 0.0, 1.0)) -> Camera:
-    """A camera that has every shape in the picture, whatever its aspect ratio.
-
-    direction: from the scene towards the camera, of any length but 0.
-    """
-    import numpy as np
-
-    low, high = bounds(scene)
-    if not np.all(np.isfinite(low + high)):  # empty, or an error that the core will name
-        return Camera()
-    center, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-    vfov = 40.0
-    half = np.radians(vfov) / 2
-    narrow = np.arctan(np.tan(half) * min(1.0, settings.width / settings.height))
-    away = np.asarray(direction, dtype=np.float64)
-    eye = center + away / np.linalg.norm(away) * (1.02 * max(radius, 1e-300) / np.sin(narrow))
-    x, y, z = (float(v) for v in eye)
-    a, b, c = (float(v) for v in center)
-    return Camera(eye=(x, y, z), target=(a, b, c), vfov=vfov)

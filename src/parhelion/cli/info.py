@@ -33,15 +33,17 @@ def run(args: argparse.Namespace) -> int:
 def _scene(args: argparse.Namespace) -> str:
     import numpy as np
 
+    from ..framing import bounds, placed
     from ..renderer import prepare
-    from ..scene import bounds, framed
+    from ..scene import Camera
 
     scene = options.load_scene(args)
     prepared = prepare(scene)
     stats = prepared.core.stats()
     low, high = bounds(scene)
     settings = scene.settings
-    camera = scene.camera or framed(scene, settings)
+    chosen = "" if isinstance(scene.camera, Camera) else "automatic: "
+    camera = placed(scene, settings.width / settings.height)
 
     def point(v: object) -> str:
         return "(" + ", ".join(f"{float(x):.6g}" for x in np.asarray(v)) + ")"
@@ -58,8 +60,7 @@ def _scene(args: argparse.Namespace) -> str:
         f"materials  {len(prepared.flat.materials)}",
         f"lights     {stats['lights']}",
         f"background {scene.background.type}",
-        f"camera     {'' if scene.camera else 'automatic: '}eye {point(camera.eye)},"
-        f" target {point(camera.target)}",
+        f"camera     {chosen}eye {point(camera.eye)}, target {point(camera.target)}",
         f"settings   {settings.width}x{settings.height}, {settings.spp} spp",
         f"tree       {stats['nodes']:,} nodes, {stats['leaves']:,} leaves,"
         f" built in {prepared.seconds:.3f} s",

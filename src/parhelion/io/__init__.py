@@ -45,8 +45,7 @@ class LoadOptions:
     color_range: field values at the two ends of the map; None for their 1st and 99th percentile.
     radius: one radius for all particles, "vdw" or "covalent"; None for the loader's choice.
     ground: a ground below the particles for shadows to fall on. frame: of a trajectory, from 0;
-    negative counts from the end. aspect: width / height of the picture to come, which a camera
-    that the loader chooses frames everything for.
+    negative counts from the end.
     """
 
     color_by: str | None = None
@@ -55,7 +54,6 @@ class LoadOptions:
     radius: float | str | None = None
     ground: bool = False
     frame: int = 0
-    aspect: float = 16 / 9
 
 
 def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Scene:
@@ -64,7 +62,11 @@ def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Sc
     Raises FormatError for a file that is missing, broken or of no known format.
     """
     file = Path(path)
-    if not file.exists():
+    try:
+        exists = file.exists()
+    except OSError as error:  # too long a name, a folder that may not be looked into
+        raise FormatError(f"{file}: cannot be read: {error.strerror or error}") from error
+    if not exists:
         near = [p.name for p in file.parent.glob("*")] if file.parent.is_dir() else []
         hint = unknown_name("file", file.name, near[:200]).partition(";")[2].partition("(")[0]
         raise FormatError(f"{file}: no such file{';' + hint.rstrip() if 'mean' in hint else ''}")

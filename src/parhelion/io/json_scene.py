@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from .. import scene as model
 from .. import tables
 from ..errors import FormatError, SceneError, unknown_name
+from ..framing import placed
 from ..tables import LARGEST
 from . import LoadOptions
 
@@ -624,10 +625,11 @@ def dumps(scene: model.Scene) -> bytes:
     def members(instance: Any) -> dict[str, Any]:
         return {f.name: getattr(instance, f.name) for f in fields(instance)}
 
+    aspect = scene.settings.width / scene.settings.height
     document = {
         "parhelion": 1,
         "name": scene.name,
-        "camera": None if scene.camera is None else members(scene.camera),
+        "camera": None if scene.camera is None else members(placed(scene, aspect)),
         "background": entry(scene.background),
         "materials": {name: entry(m) for name, m in scene.materials.items()},
         "shapes": [spheres(shape) for shape in scene.shapes],

@@ -1,0 +1,88 @@
+"""Placing a camera so that shapes fill the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import isfinite, radians, sqrt, tan
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import SceneError
+from .scene import Camera, Framing, Scene, Vec3
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.floating[Any]]
+
+
+def placed(scene: Scene, aspect: float) -> Camera:
+    """The scene's camera; where it has a Framing, or none, one that frames its shapes.
+
+    aspect: width over height of the picture. Raises SceneError for a framing without meaning.
+    """
+    if isinstance(scene.camera, Camera):
+        return scene.camera
+    framing = Framing() if scene.camera is None else scene.camera
+    if not isinstance(framing, Framing):
+        raise SceneError(f"camera: a Camera or a Framing is needed, not {framing!r}")
+    if not 0 < framing.vfov < 180:
+        raise SceneError(f"camera: vfov is {framing.vfov}; must lie between 0 and 180 degrees")
+    if not 0 < framing.fill <= 1:
+        raise SceneError(f"camera: fill is {framing.fill}; must lie in (0, 1]")
+    right, up, towards = _axes(framing)
+    low, high = bounds(scene)
+    if not np.all(np.isfinite(high - low)):  # nothing to see, or an error that the core will name
+        return Camera()
+    middle = 0.5 * low + 0.5 * high
+    half = tan(radians(0.5 * framing.vfov)) * framing.fill
+    nearness, offsets = 0.0, []
+    for axis, slope in ((right, half * aspect), (up, half)):
+        # With the eye at distance d and offset o, a sphere at u along the axis and w towards the
+        # camera is between the two planes of slope s if |u - o| + r sqrt(1 + s^2) <= s (d - w).
+        plus = minus = -np.inf
+        for centers, radii in subject(scene):
+            u = centers @ axis - middle @ axis
+            most = slope * (centers @ towards - middle @ towards) + radii * sqrt(1 + slope**2)
+            plus, minus = max(plus, float(np.max(most + u))), max(minus, float(np.max(most - u)))
+        nearness = max(nearness, (plus + minus) / (2 * slope))
+        offsets.append((plus - minus) / 2)
+    # At a larger distance than this axis needs, its offset leaves equal room on both sides.
+    target = middle + offsets[0] * right + offsets[1] * up
+    eye = target + nearness * towards
+    return Camera(_tuple(eye), _tuple(target), _tuple(up), vfov=framing.vfov)
+
+
+def subject(scene: Scene) -> Iterator[tuple[Array, Array]]:
+    """Centres (N, 3) and radii, (N,) or one, of the shapes that the scene is about."""
+    names = scene.camera.shapes if isinstance(scene.camera, Framing) else ()
+    for shape in scene.shapes:
+        centers = np.asarray(shape.centers)
+        if centers.size and (not names or shape.name in names):
+            yield centers, np.asarray(shape.radii)
+
+
+def bounds(scene: Scene) -> tuple[Array, Array]:
+    """Lower and upper corner, (3,) float64 each, of the box that holds what the scene is about."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for centers, radii in subject(scene):
+        low = np.minimum(low, np.min(centers - radii[..., None], axis=0))
+        high = np.maximum(high, np.max(centers + radii[..., None], axis=0))
+    return low, high
+
+
+def _axes(framing: Framing) -> tuple[Array, Array, Array]:
+    """Unit vectors to the right and up in the picture, and towards the camera."""
+    towards, up = np.array(framing.direction, np.float64), np.array(framing.up, np.float64)
+    right = np.cross(up, towards)
+    size = float(np.linalg.norm(right))
+    if not isfinite(size) or size == 0:
+        raise SceneError("camera: direction and up must be finite, not 0 and not parallel")
+    right, towards = right / size, towards / np.linalg.norm(towards)
+    return right, np.cross(towards, right), towards
+
+
+def _tuple(vector: Array) -> Vec3:
+    x, y, z = vector.tolist()
+    return x, y, z

@@ -1,0 +1,154 @@
+"""PDB and GRO files through chemfiles (an extra). Lengths are in angstrom, also those of GRO.
+
+Elements are those that a PDB file gives; where it, or GRO, has only names of atoms, they are
+told by these, see elements.biomolecular_number. Warnings of chemfiles go to logging.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import elements
+from ..errors import FormatError, SceneError
+from ..particles import Box, Labels, Particles, to_scene
+from ..scene import Scene
+from . import COMPRESSED, LoadOptions
+from .text import TextFile, errors_name, frame_index
+
+NAME = "PDB, GRO"
+SUFFIXES = (".pdb", ".gro")
+
+_logger = logging.getLogger(__name__)
+# Names of atoms, residues or chains that are told apart; the rest are called "X".
+_MOST_NAMES = 500
+# Warnings of one file that are logged, few of which concern a picture; files may have one a line.
+_MOST_WARNINGS = 5
+
+_BONDS = re.compile(rb"^CONECT.*\n", re.MULTILINE)
+
+
+def load(path: Path, options: LoadOptions) -> Scene:
+    """One frame of the file as a scene. Raises FormatError, SceneError."""
+    return to_scene(read(path, options.frame), options, path.name)
+
+
+def read(path: Path, frame: int = 0) -> Particles:
+    """The particles of one frame, counted from 0, or from the end if negative.
+
+    Raises FormatError for a file that is broken or has no such frame, or without chemfiles.
+    """
+    try:
+        import chemfiles
+    except ImportError:
+        raise FormatError(
+            f'{path}: PDB and GRO files need chemfiles: pip install "parhelion[particles]"'
+        ) from None
+    # chemfiles hands its warnings to Python's, and its errors are no Exception
+    with (
+        errors_name(path),
+        _plain_copy(path) as copy,
+        warnings.catch_warnings(record=True) as caught,
+    ):
+        warnings.simplefilter("always")
+        try:
+            with chemfiles.Trajectory(str(copy), "r", copy.suffix[1:].upper()) as trajectory:
+                index = frame_index(path, frame, trajectory.nsteps)
+                return _particles(chemfiles, trajectory.read_step(index))
+        except chemfiles.ChemfilesError as error:
+            reason = str(error).replace(str(copy), path.name)
+            raise SceneError(f"chemfiles says: {reason[:200]}") from None
+        except UnicodeDecodeError:
+            raise SceneError("is not UTF-8 text") from None
+        finally:
+            for warning in caught[:_MOST_WARNINGS]:
+                _logger.info("%s: %s", path, warning.message)
+            if len(caught) > _MOST_WARNINGS:
+                more = len(caught) - _MOST_WARNINGS
+                _logger.info("%s: and %d more warnings of chemfiles", path, more)
+
+
+@contextmanager
+def _plain_copy(path: Path) -> Iterator[Path]:
+    """A temporary copy that chemfiles 0.10 reads safely, whatever the file holds.
+
+    It is not compressed, as chemfiles unpacks any bomb to memory, and has no CONECT records, as
+    one that comes before the first atom crashes the process.
+    """
+    kind = next(s.lower() for s in reversed(path.suffixes) if s.lower() not in COMPRESSED)
+    with TemporaryDirectory() as folder, TextFile(path) as file:
+        if file.peek() is None:
+            raise FormatError(f"{path}: is empty")
+        copy = Path(folder, f"copy{kind}")
+        with copy.open("wb") as plain:
+            for block in file.blocks():
+                plain.write(_BONDS.sub(b"", block) if kind == ".pdb" else block)
+        yield copy
+
+
+def _particles(chemfiles: Any, frame: Any) -> Particles:
+    atoms, topology = frame.atoms, frame.topology
+    count = len(atoms)
+    if not count:
+        raise SceneError("there are no atoms")
+
+    def name_of_residue(atom: int) -> str:
+        residue = topology.residue_for_atom(atom)
+        return "" if residue is None else str(residue.name)
+
+    def name_of_chain(atom: int) -> str:
+        residue = topology.residue_for_atom(atom)
+        known = residue is not None and "chainname" in residue.list_properties()
+        return str(residue["chainname"]) if known else ""
+
+    def labels(selector: str, of_atom: Callable[[int], str]) -> Labels:
+        """Labels of all atoms, by one selection a name: chemfiles has no arrays of names."""
+        codes = np.full(count, -1)
+        names: list[str] = []
+        while len(names) < _MOST_NAMES and (codes < 0).any():
+            first = int(np.argmin(codes))
+            name = of_atom(first)
+            if '"' in name:  # cannot be asked for
+                break
+            same = chemfiles.Selection(f'{selector} "{name}"').evaluate(frame)
+            codes[np.asarray(same, np.intp)] = len(names)
+            if codes[first] < 0:  # has no name
+                break
+            names.append(name)
+        codes[codes < 0] = len(names)
+        return Labels(codes, (*names, "X"))
+
+    types = labels("type", lambda atom: str(atoms[atom].type))
+    residues = labels("resname", name_of_residue)
+    fields: dict[str, NDArray[Any] | Labels] = {"residue": residues}
+    if name_of_chain(0):
+        fields["chain"] = labels("[chainname] ==", name_of_chain)
+    if frame.has_velocities():
+        fields["velocity"] = np.array(frame.velocities)
+    matrix = np.array(frame.cell.matrix)  # its columns are the edges
+    box = Box(matrix.T, np.zeros(3)) if matrix.any() and np.isfinite(matrix).all() else None
+    numbers = _numbers(types, residues)
+    symbols = Labels(numbers, elements.SYMBOLS)
+    return Particles(np.array(frame.positions), symbols, types, None, None, fields, box)
+
+
+def _numbers(types: Labels, residues: Labels) -> NDArray[np.intp]:
+    """(N,) atomic numbers by the names of atoms, and of residues where these are ions."""
+    others = np.array([elements.biomolecular_number(name, ion=False) for name in types.names])
+    ions = np.array([elements.biomolecular_number(name, ion=True) for name in types.names])
+    numbers = types.each(others)
+    for kind in np.flatnonzero(ions != others).tolist():
+        letters = [c for c in types.names[kind].upper() if c.isalpha()]
+        alone = [[c for c in name.upper() if c.isalpha()] == letters for name in residues.names]
+        of_kind = (types.codes == kind) & residues.each(np.array(alone))
+        numbers[of_kind] = ions[kind]
+    return numbers

@@ -1,0 +1,166 @@
+"""LAMMPS dump files in text, style atom or custom, one frame or many.
+
+A frame is a series of items, each a line "ITEM: ..." and its values; the last one, "ITEM: ATOMS",
+names the columns. https://docs.lammps.org/dump.html is the reference.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import SceneError
+from ..particles import Box, Labels, Particles, element_labels, to_scene
+from ..scene import Scene
+from . import LoadOptions
+from .text import Table, TextFile, errors_name, is_number
+
+NAME = "LAMMPS dump"
+SUFFIXES = (".dump", ".lammpstrj")
+
+# Columns of positions, best first: wrapped, unwrapped, and both as fractions of the box's edges.
+_POSITIONS = (("x", "y", "z"), ("xu", "yu", "zu"), ("xs", "ys", "zs"), ("xsu", "ysu", "zsu"))
+
+
+def load(path: Path, options: LoadOptions) -> Scene:
+    """One frame of the file as a scene. Raises FormatError, SceneError."""
+    return to_scene(read(path, options.frame), options, path.name)
+
+
+def read(path: Path, frame: int = 0) -> Particles:
+    """The particles of one frame, counted from 0, or from the end if negative.
+
+    Raises FormatError for a file that is broken or has no such frame.
+    """
+    with errors_name(path), TextFile(path) as file:
+        file.seek_frame(frame, lambda: _skip(file))
+        header = _header(file)
+        assert header is not None  # seek_frame sees to it
+        count, box, names = header
+        words = (file.peek() or "").split()
+        # whatever is no number in the first row is a column of names
+        text = [
+            i
+            for i, (name, word) in enumerate(zip(names, words, strict=False))
+            if name in ("element", "type") or not is_number(word)
+        ]
+        axes = _axes(file, names, text)
+        table = file.table(count, names, text)
+        return _particles(table, names, axes, box)
+
+
+def _skip(file: TextFile) -> bool:
+    header = _header(file)
+    if header is None:
+        return False
+    if not file.skip(header[0]):
+        raise file.error(f"the file ends within a frame of {header[0]} atoms")
+    return True
+
+
+def _header(file: TextFile) -> tuple[int, Box | None, list[str]] | None:
+    """The number of atoms, the box and the names of columns; None at the end of the file.
+
+    Reads on to the first row of atoms.
+    """
+    count: int | None = None
+    box: Box | None = None
+    line = file.readline()
+    while line == "":  # blank lines at the end
+        line = file.readline()
+    if line is None:
+        return None
+    while line is not None:
+        if not line.startswith("ITEM:"):
+            raise file.error(f"should be an ITEM of a LAMMPS dump, not {line[:40]!r}")
+        item = line[len("ITEM:") :].strip()
+        if item.startswith("NUMBER OF ATOMS"):
+            value = file.readline() or ""
+            if not re.fullmatch(r"\d{1,18}", value):
+                raise file.error(f"should be the number of atoms, not {value[:40]!r}")
+            count = int(value)
+        elif item.startswith("BOX BOUNDS"):
+            box = _box(file, item)
+        elif item.startswith("ATOMS"):
+            if count is None:
+                raise file.error("ITEM: ATOMS comes before ITEM: NUMBER OF ATOMS")
+            return count, box, item.split()[1:]
+        else:  # TIMESTEP, TIME, UNITS: a line each, of no use here
+            file.readline()
+        line = file.readline()
+    raise file.error("the file ends before ITEM: ATOMS")
+
+
+def _box(file: TextFile, item: str) -> Box:
+    """The box from three lines: lo hi, or lo hi tilt, or a vector and a part of the origin."""
+    general = "abc origin" in item
+    triclinic = not general and item.split()[2:5] == ["xy", "xz", "yz"]
+    size = 4 if general else 3 if triclinic else 2
+    rows = []
+    for _ in range(3):
+        words = (file.readline() or "").split()
+        if len(words) != size or not all(map(is_number, words)):
+            raise file.error(
+                f"should be {size} numbers of {item[:40]}, not {' '.join(words)[:60]!r}"
+            )
+        rows.append([float(word) for word in words])
+    values = np.array(rows)
+    if not np.isfinite(values).all():
+        raise file.error("the box is not finite")
+    if general:
+        return Box(values[:, :3], values[:, 3])
+    low, high = values[:, 0].copy(), values[:, 1].copy()
+    xy, xz, yz = values[:, 2] if triclinic else (0.0, 0.0, 0.0)
+    # what the file bounds is the box that is straight and holds the tilted one
+    low[0] -= min(0.0, xy, xz, xy + xz)
+    high[0] -= max(0.0, xy, xz, xy + xz)
+    low[1] -= min(0.0, yz)
+    high[1] -= max(0.0, yz)
+    if (high < low).any():
+        raise file.error("the box ends before it begins")
+    vectors = np.diag(high - low)
+    vectors[1, 0], vectors[2, 0], vectors[2, 1] = xy, xz, yz
+    return Box(vectors, low)
+
+
+def _axes(file: TextFile, names: list[str], text: list[int]) -> tuple[str, str, str]:
+    """The three columns of positions."""
+    for axes in _POSITIONS:
+        if set(axes) <= set(names):
+            for axis in axes:
+                if names.index(axis) in text:
+                    raise file.error(f"column {axis} does not hold numbers", file.line + 1)
+            return axes
+    raise file.error(
+        "ITEM: ATOMS has no columns x y z, nor xu yu zu, xs ys zs or xsu ysu zsu; "
+        f"it has {' '.join(names)[:200] or 'none'}"
+    )
+
+
+def _particles(
+    table: Table, names: list[str], axes: tuple[str, str, str], box: Box | None
+) -> Particles:
+    columns = dict(zip(names, table.columns, strict=True))
+    positions = np.stack([table.numbers(names.index(axis)) for axis in axes], axis=1)
+    if axes[0] in ("xs", "xsu"):
+        if box is None:
+            raise SceneError(f"columns {' '.join(axes)} need ITEM: BOX BOUNDS, which is not there")
+        positions = positions @ box.vectors + box.origin
+    radii: NDArray[np.float64] | None = None
+    for name, scale in (("radius", 1.0), ("diameter", 0.5)):
+        values = columns.get(name)
+        if radii is None and values is not None and not isinstance(values, Labels):
+            radii = scale * values
+    # read() makes these two columns of names; types may be given by names of elements too
+    element, types = columns.get("element"), columns.get("type")
+    assert not isinstance(element, np.ndarray)
+    assert not isinstance(types, np.ndarray)
+    symbols = element_labels(element) if element else None
+    if symbols is None and types:
+        symbols = element_labels(types)
+    taken = (*axes, "element", "type")
+    fields = {name: values for name, values in columns.items() if name not in taken}
+    return Particles(positions, symbols, types or element, radii, None, fields, box)

@@ -1,0 +1,433 @@
+"""Particles, and the scene made of them: colours, radii, camera, light and ground.
+
+Every particle format ends here, so that a file and a NumPy array give the same picture. What is
+chosen when the user says nothing is described, with its reasons, in docs/particles.md.
+
+The frame of the data is kept, right-handed, with z up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import cos, radians, sin
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import elements
+from .errors import SceneError, unknown_name
+from .scene import Background, Framing, Material, Scene, Spheres, Vec3
+
+if TYPE_CHECKING:
+    from .io import LoadOptions
+
+Floats = NDArray[np.floating[Any]]
+
+# Coordinates and radii stay below this, so that the light, some hundred times farther away than
+# the particles, stays within single precision.
+FARTHEST = 1e30
+
+# Fields that every set of particles has, besides "element" and "type" where they are known.
+_COORDINATES = ("x", "y", "z")
+
+# M. Okabe and K. Ito's colours for readers of all kinds of colour vision, 8-bit sRGB, in an order
+# that keeps the first ones apart in lightness too; the black is a grey here, to show its shading.
+_PALETTE = np.array(
+    [
+        (86, 180, 233),
+        (230, 159, 0),
+        (0, 158, 115),
+        (204, 121, 167),
+        (213, 94, 0),
+        (0, 114, 178),
+        (240, 228, 66),
+        (120, 120, 120),
+    ],
+    np.uint8,
+)
+# A value that is not a number is shown in this linear grey.
+_GREY = 0.25
+# Albedo of a colour of 255 among elements and types; 1 would be whiter than any material.
+_WHITEST = 0.85
+
+# The camera: vertical field of view in degrees, share of the picture's half that the particles
+# may fill, and where it stands: degrees from the x axis towards y, and degrees above the xy plane.
+_VFOV = 30.0
+_FILL = 0.92
+_AZIMUTH = -60.0
+_ELEVATION = 22.0
+
+# The light, as radiances. A white diffuse particle (albedo _WHITEST) comes out near 0.35 in the
+# shade and 0.85 where it faces the key, so no colour clips and shapes stay readable. The sky is
+# bright behind the particles and dim behind the camera: a bright page to look at that does not
+# wash out the side we see.
+_SKY_BEHIND_PARTICLES = 0.78
+_SKY_BEHIND_CAMERA = 0.28
+# The key light: the irradiance/pi it gives a surface that faces it, its half-angle in degrees as
+# the particles see it (a wide one casts soft shadows), its direction in the camera's frame (right,
+# up, towards the camera), and its distance in units of the particles' bounding radius.
+_KEY_STRENGTH = 0.58
+_KEY_HALF_ANGLE = 15.0
+_KEY_DIRECTION = (-0.6, 0.8, 0.7)
+_KEY_DISTANCE = 24.0
+
+# The ground is a sphere this many times larger than the particles' bounding sphere: flat to the
+# eye. Its albedo makes it nearly as bright as the sky behind it.
+_GROUND_SIZE = 2000.0
+_GROUND_ALBEDO = 0.85
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """A name for each particle, stored once a kind: particle i is names[codes[i]].
+
+    codes: (N,) integers. names: not each needs to be in use.
+    """
+
+    codes: NDArray[np.integer[Any]]
+    names: tuple[str, ...]
+
+    @staticmethod
+    def of(values: ArrayLike) -> Labels:
+        """The labels of N strings or numbers, which are shown as str() shows them."""
+        names, codes = np.unique(np.asarray(values), return_inverse=True)
+        return Labels(codes.reshape(-1), tuple(str(name) for name in names.tolist()))
+
+    def each(self, values: NDArray[Any]) -> NDArray[Any]:
+        """What belongs to each particle, (N, ...), of what belongs to each name."""
+        return np.take(values, self.codes, axis=0)
+
+
+def element_labels(labels: Labels) -> Labels | None:
+    """The labels as symbols of elements, if every one in use says an element; else None.
+
+    One that does not makes the others doubtful: "A" and "B" are types, not something and boron.
+    """
+    numbers = [elements.atomic_number(name) for name in labels.names]
+    used = np.bincount(labels.codes, minlength=len(numbers)) > 0
+    if any(number is None for number, use in zip(numbers, used, strict=True) if use):
+        return None
+    return Labels(labels.codes, tuple(elements.SYMBOLS[number or 0] for number in numbers))
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A simulation box: its edges a, b, c as the rows of (3, 3) `vectors`, and its (3,) corner."""
+
+    vectors: Floats
+    origin: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Particles:
+    """N particles as arrays, N > 0. Units are the data's own, angstrom where elements are known.
+
+    positions: (N, 3). elements: their symbols, "X" for a dummy. types: any other sort of kind.
+    radii: (N,). colors: (N, 3) linear RGB. fields: by name, (N,) or (N, M) numbers, or Labels.
+    None stands for what is not known. Raises SceneError for arrays whose lengths differ, a
+    position that is not finite and a radius that is not positive, naming the particle, from 0.
+    """
+
+    positions: Floats
+    elements: Labels | None = None
+    types: Labels | None = None
+    radii: Floats | None = None
+    colors: Floats | None = None
+    fields: Mapping[str, NDArray[Any] | Labels] = field(default_factory=dict)
+    box: Box | None = None
+
+    def __post_init__(self) -> None:
+        """Checks what a scene needs; see the class."""
+        shape = self.positions.shape
+        if len(shape) != 2 or shape[1] != 3:
+            raise SceneError(f"positions have shape {shape}, not (N, 3)")
+        if not len(self.positions):
+            raise SceneError("there are no particles")
+        _check(
+            self.positions,
+            lambda p: np.abs(p) <= FARTHEST,  # False for NaN
+            "position {} is not finite, or beyond 1e30",
+        )
+        lengths: dict[str, NDArray[Any] | Labels | None] = {
+            "elements": self.elements,
+            "types": self.types,
+            "radii": self.radii,
+            "colors": self.colors,
+            **{f"field {name!r}": values for name, values in self.fields.items()},
+        }
+        for name, values in lengths.items():
+            array = values.codes if isinstance(values, Labels) else values
+            if array is not None and len(array) != len(self.positions):
+                raise SceneError(f"{name}: {len(array)} values for {len(self.positions)} particles")
+        if self.radii is not None:
+            _check_radii(self.radii)
+        if self.colors is not None:
+            _check(self.colors, lambda c: (c >= 0) & (c <= 1), "colour {} is not within [0, 1]")
+
+
+def _check(values: Floats, good: Callable[[Floats], NDArray[np.bool_]], text: str) -> None:
+    """Raises SceneError for the first particle whose values are not all good."""
+    fine = good(values)
+    if not fine.all():
+        first = int(np.flatnonzero(~(fine if fine.ndim == 1 else fine.all(axis=1)))[0])
+        shown = " ".join(f"{v:g}" for v in np.atleast_1d(values[first]).tolist())
+        raise SceneError(f"particle {first}: {text.format(f'({shown})')}")
+
+
+def _check_radii(radii: Floats) -> None:
+    _check(
+        radii,
+        lambda r: (r.astype(np.float32, copy=False) > 0) & (r <= FARTHEST),
+        "radius {} is not a positive number of single precision",
+    )
+
+
+def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
+    """The particles as spheres, lit and framed for a picture with no further options.
+
+    Raises SceneError for an option that these particles or Matplotlib do not have.
+    """
+    with np.errstate(over="ignore"):
+        radii = _radii(particles, options.radius)
+        colors = _colors(particles, options)
+    framing = _framing(particles.positions)
+    shapes = [
+        Spheres(particles.positions, radii, Material("diffuse"), colors, "particles"),
+        _key_light(particles.positions, radii, framing),
+    ]
+    if options.ground:
+        shapes.append(_ground(particles.positions, radii))
+    sky = Background(
+        "gradient",
+        horizon=(_SKY_BEHIND_PARTICLES,) * 3,
+        zenith=(_SKY_BEHIND_CAMERA,) * 3,
+        up=framing.direction,
+    )
+    return Scene(shapes, camera=framing, background=sky, name=name)
+
+
+# ---------------------------------------------------------------------------------------------
+# Radii
+
+
+def _radii(particles: Particles, wanted: float | str | None) -> Floats:
+    """(N,) radii: the user's, the file's, the elements', or half the distance of neighbours."""
+    tables = {"vdw": elements.VDW_RADII, "covalent": elements.COVALENT_RADII}
+    count = len(particles.positions)
+    if wanted is None:
+        if particles.radii is not None:
+            return particles.radii
+        if particles.elements is None:
+            radius = 0.5 * neighbour_distance(particles.positions)
+            return np.full(count, radius, np.float32)
+        others = particles.elements.each(~elements.MOLECULAR[_numbers(particles.elements)])
+        wanted = "covalent" if np.mean(others) > 0.25 else "vdw"
+    if wanted in tables:
+        if particles.elements is None:
+            raise SceneError(
+                f"radius {wanted!r} needs elements, which are not known; give a number"
+            )
+        table = tables[str(wanted)].astype(np.float32)
+        return particles.elements.each(table[_numbers(particles.elements)])
+    try:
+        radius = float(wanted)
+    except ValueError:
+        raise SceneError(f"{unknown_name('radius', wanted, tables)}, or a number") from None
+    if not 1e-37 < radius <= FARTHEST:
+        raise SceneError(f"radius {wanted} is not a positive number of single precision")
+    return np.full(count, radius, np.float32)
+
+
+def _numbers(labels: Labels) -> NDArray[np.intp]:
+    """Atomic numbers of the names (not the particles) of element labels."""
+    return np.array([elements.atomic_number(name) or 0 for name in labels.names], np.intp)
+
+
+def neighbour_distance(positions: Floats) -> float:
+    """The median distance from a particle to its nearest neighbour, estimated from a sample.
+
+    Regions around a few particles, of some thousand particles each, are searched, so that the
+    time grows with N only by a few passes over the coordinates. Coincident particles do not
+    count. 1 where there are no two places.
+    """
+    random = np.random.default_rng(0)
+    count = len(positions)
+    regions, probes, most = 8, 64, 4096
+    distances: list[NDArray[np.float64]] = []
+    for center in positions[random.integers(count, size=regions)].astype(np.float64):
+        near = positions
+        if count > most:
+            # the region's half-width, from a sparse look at all particles
+            sparse = positions[random.integers(count, size=16384)] - center
+            width = np.sort(np.abs(sparse).max(axis=1))[max(8, 16384 * most // count)]
+            for axis in range(3):
+                near = near[np.abs(near[:, axis] - center[axis]) <= width]
+            if len(near) > 4 * most:  # many at one place
+                near = near[random.integers(len(near), size=4 * most)]
+        near = near.astype(np.float64)
+        # the region's own centre has all of its neighbours in it, as has what is close to it
+        away = np.abs(near - center).max(axis=1)
+        chosen = np.argpartition(away, min(probes, len(near) - 1))[:probes]
+        squares = np.zeros((len(chosen), len(near)))
+        for axis in range(3):
+            squares += (near[chosen, axis, None] - near[None, :, axis]) ** 2
+        squares[squares == 0] = np.inf
+        distances.append(np.sqrt(squares.min(axis=1)))
+    found = np.concatenate(distances)
+    found = found[np.isfinite(found)]
+    return float(np.median(found)) if len(found) else 1.0
+
+
+# ---------------------------------------------------------------------------------------------
+# Colours
+
+
+def linear(srgb: ArrayLike) -> NDArray[np.float32]:
+    """Linear Rec. 709 RGB of sRGB values: 8-bit integers, or numbers within [0, 1].
+
+    The transfer function is that of IEC 61966-2-1.
+    """
+    values = np.asarray(srgb)
+    v = values / 255.0 if values.dtype == np.uint8 else values.astype(np.float64)
+    low = v <= 0.04045
+    return np.where(low, v / 12.92, ((np.maximum(v, 0) + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+def _colors(particles: Particles, options: LoadOptions) -> NDArray[np.float32]:
+    """(N, 3) linear RGB: of the field that the user names, else the file's, else of the kinds."""
+    if options.color_by is not None:
+        values = _field(particles, options.color_by)
+        if values is particles.elements:
+            return _element_colors(particles.elements)
+        if isinstance(values, Labels):
+            return _label_colors(values)
+        return map_colors(values, options.colormap, options.color_range)
+    if particles.colors is not None:
+        return particles.colors.astype(np.float32, copy=False)
+    if particles.elements is not None:
+        return _element_colors(particles.elements)
+    if particles.types is not None:
+        return _label_colors(particles.types)
+    return np.tile(_WHITEST * linear(_PALETTE[:1]), (len(particles.positions), 1))
+
+
+def _element_colors(labels: Labels) -> NDArray[np.float32]:
+    return labels.each(_WHITEST * linear(elements.COLORS[_numbers(labels)]))
+
+
+def _label_colors(labels: Labels) -> NDArray[np.float32]:
+    """Type number k always has the k-th colour; other names have theirs in alphabetical order."""
+    names = labels.names
+    if all(name.isdecimal() for name in names):
+        order = np.array([(int(name) - 1) % len(_PALETTE) for name in names], np.intp)
+    else:
+        order = np.argsort(np.argsort(np.array(names))) % len(_PALETTE)
+    return labels.each(_WHITEST * linear(_PALETTE[order]))
+
+
+def _field(particles: Particles, name: str) -> NDArray[Any] | Labels:
+    """A field by name: (N,) numbers or Labels. Of an (N, M) field f, "f" is its length and
+    "f_x", "f_y", "f_z" (where M = 3) or "f_1" ... "f_M" are its components.
+    """
+    # name -> array and, of one with rows, the column
+    known: dict[str, tuple[NDArray[Any] | Labels, int | None]] = {
+        "index": (np.arange(len(particles.positions)), None),
+        **{axis: (particles.positions, column) for column, axis in enumerate(_COORDINATES)},
+    }
+    for kind, labels in (("element", particles.elements), ("type", particles.types)):
+        if labels is not None:
+            known[kind] = labels, None
+    for key, values in particles.fields.items():
+        known[key] = values, None
+        if not isinstance(values, Labels) and values.ndim == 2:
+            size = values.shape[1]
+            suffixes: Sequence[object] = _COORDINATES if size == 3 else range(1, size + 1)
+            known.update({f"{key}_{s}": (values, column) for column, s in enumerate(suffixes)})
+    if name not in known:
+        raise SceneError(unknown_name("field to colour by", name, known))
+    found, column = known[name]
+    if isinstance(found, Labels) or found.ndim == 1:
+        return found
+    return np.asarray(np.linalg.norm(found, axis=1) if column is None else found[:, column])
+
+
+def map_colors(
+    values: NDArray[Any], colormap: str, limits: tuple[float, float] | None
+) -> NDArray[np.float32]:
+    """(N, 3) linear RGB of N numbers by a Matplotlib colour map.
+
+    limits: the values at the map's two ends; None for the 1st and 99th percentile of the finite
+    values. What is outside has the colour of the nearer end; NaN is grey.
+    Raises SceneError for an unknown colour map, and limits that are not finite and increasing.
+    """
+    from matplotlib import colormaps
+
+    if colormap not in colormaps:
+        raise SceneError(unknown_name("colour map", colormap, colormaps))
+    table = colormaps[colormap]
+    numbers = values.astype(np.float64)
+    if limits is None:
+        finite = numbers[np.isfinite(numbers)]
+        low, high = np.percentile(finite, (1, 99)) if len(finite) else (0.0, 1.0)
+        if low == high:  # as in a field of rare ones among zeros
+            low, high = (finite.min(), finite.max()) if len(finite) else (0.0, 1.0)
+    else:
+        low, high = (float(v) for v in limits)
+        if not (np.isfinite(low) and np.isfinite(high) and low < high):
+            raise SceneError(f"colour range {low:g} {high:g} is not two finite, increasing numbers")
+    # halves, as the difference of two large numbers may overflow
+    span = 0.5 * high - 0.5 * low
+    place = (
+        (0.5 * numbers - 0.5 * low) / span if span > 0 else np.where(numbers == low, 0.5, numbers)
+    )
+    known = ~np.isnan(place)
+    index = np.clip(np.where(known, place, 0.0) * table.N, 0, table.N - 1).astype(np.intp)
+    colors: NDArray[np.float32] = np.take(linear(table(np.arange(table.N))[:, :3]), index, axis=0)
+    colors[~known] = _GREY
+    return colors
+
+
+# ---------------------------------------------------------------------------------------------
+# Camera and ground
+
+
+def _framing(positions: Floats) -> Framing:
+    """Slightly from above; two-dimensional systems straight from above."""
+    extent = np.ptp(positions, axis=0)
+    if extent[2] == 0 and extent.max() > 0:
+        return Framing((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), _VFOV, _FILL, ("particles",))
+    elevation, azimuth = radians(_ELEVATION), radians(_AZIMUTH)
+    towards = cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)
+    return Framing(towards, (0.0, 0.0, 1.0), _VFOV, _FILL, ("particles",))
+
+
+def _key_light(positions: Floats, radii: Floats, framing: Framing) -> Spheres:
+    """A sphere that shines, up and to the side, behind or far outside of what the camera sees."""
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    middle = 0.5 * low.astype(np.float64) + 0.5 * high
+    distance = _KEY_DISTANCE * float(0.5 * np.linalg.norm(high - low) + radii.max())
+    towards = np.array(framing.direction)
+    right = np.cross(framing.up, towards)
+    right /= np.linalg.norm(right)
+    direction = np.array(_KEY_DIRECTION) @ (right, np.cross(towards, right), towards)
+    place = middle + distance / np.linalg.norm(direction) * direction
+    size = sin(radians(_KEY_HALF_ANGLE))
+    shine = Material("emissive", radiance=(_KEY_STRENGTH / size**2,) * 3)
+    return Spheres([_tuple(place)], distance * size, shine, None, "key light")
+
+
+def _ground(positions: Floats, radii: Floats) -> Spheres:
+    """A sphere so large that it looks flat, which the lowest particle touches."""
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    size = _GROUND_SIZE * float(0.5 * np.linalg.norm(high - low) + radii.max())
+    x, y = 0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])
+    floor = float(np.min(positions[:, 2] - radii))
+    albedo = Material("diffuse", color=(_GROUND_ALBEDO,) * 3)
+    return Spheres([(float(x), float(y), floor - size)], size, albedo, None, "ground")
+
+
+def _tuple(vector: Floats) -> Vec3:
+    x, y, z = vector.tolist()
+    return x, y, z
