@@ -213,7 +213,7 @@ std::tuple<nb::object, nb::object> intersect(const Scene& scene, const FloatRows
     const Slot slot = hits[i].slot;
     const bool hit = slot.leaf != kNone;
     t[i] = hits[i].t * unscale;
-    id[i] = hit ? scene.view().spheres[slot.leaf & kLeafIndexMask].id[slot.lane] : -1;
+    id[i] = hit ? i64{scene.view().spheres[slot.leaf & kLeafIndexMask].id[slot.lane]} : -1;
   }
   return {ts, ids};
 }

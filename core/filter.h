@@ -11,7 +11,8 @@ enum class FilterKind : u32 {
 #undef FILTER
 };
 
-// Offsets at equal steps of the filter's cumulative distribution along one axis.
+// Offsets from -radius to 0 at equal steps of the fourth root of the filter's cumulative
+// distribution along one axis: fine steps where the filter fades out.
 inline constexpr int kFilterSteps = 1024;
 struct FilterTable {
   float offset[kFilterSteps + 1];
@@ -55,12 +56,14 @@ inline double filter_value(FilterKind kind, double x, double radius) {
   return 0.0;
 }
 
-// One offset from the pixel's centre, in pixels.
+// One offset from the pixel's centre, in pixels; the filter's other half mirrors the table's.
 PH_INLINE float filter_offset(const FilterTable& table, float u) {
-  const float x = u * static_cast<float>(kFilterSteps);
-  const int i = static_cast<int>(x);
+  const float side = u < 0.5f ? 2.0f * u : 2.0f - 2.0f * u;
+  const float x = sqrt(sqrt(side)) * static_cast<float>(kFilterSteps);
+  const int whole = static_cast<int>(x), i = whole < kFilterSteps ? whole : kFilterSteps - 1;
   const float low = table.offset[i];
-  return low + (x - static_cast<float>(i)) * (table.offset[i + 1] - low);
+  const float offset = low + (x - static_cast<float>(i)) * (table.offset[i + 1] - low);
+  return u < 0.5f ? offset : -offset;
 }
 
 }  // namespace parhelion::PH_ISA

@@ -69,10 +69,6 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderV
   return {samples.load(), rays.load(), !stop.load()};
 }
 
-void release_threads() {
-#if defined(_OPENMP) && _OPENMP >= 201811
-  omp_pause_resource_all(omp_pause_hard);
-#endif
-}
+void release_threads() { omp_pause_resource_all(omp_pause_hard); }
 
 }  // namespace parhelion

@@ -106,14 +106,15 @@ FilterTable make_filter(const std::string& name, double radius) {
   FilterTable table;
   int at = 0;
   for (int i = 0; i <= kFilterSteps; ++i) {
-    const double wanted = sum[fine] * i / kFilterSteps;
+    const double root = static_cast<double>(i) / kFilterSteps;
+    const double wanted = sum[fine] * 0.5 * root * root * root * root;
     while (at < fine - 1 && sum[at + 1] < wanted) ++at;
     const double width = sum[at + 1] - sum[at];
     const double part = width > 0.0 ? (wanted - sum[at]) / width : 0.0;
     table.offset[i] = static_cast<float>(r * (2.0 * (at + part) / fine - 1.0));
   }
   table.offset[0] = static_cast<float>(-r);
-  table.offset[kFilterSteps] = static_cast<float>(r);
+  table.offset[kFilterSteps] = 0.0f;
   return table;
 }
 

