@@ -1,0 +1,1 @@
+"""Measures Parhelion, beside other renderers where they are installed: `python -m bench`."""

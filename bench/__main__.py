@@ -1,0 +1,128 @@
+"""The command: measures, prints a table and writes JSON. See bench/README.md."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from parhelion.machine import describe, load_average
+
+from .measure import GROUPS, PEERS, Notes, Plan
+from .scenes import WEEKEND, BenchError, read_weekend
+from .summary import Row, table
+
+# A load average from which on a note says that the machine was not free.
+BUSY = 0.3
+SPHERES_NEEDED = {"weekend", "settings", "error"}
+
+
+def parser() -> argparse.ArgumentParser:
+    p = argparse.ArgumentParser(prog="python -m bench", description="Measure Parhelion.")
+    d = Plan(WEEKEND)
+    p.add_argument(
+        "--spheres", type=Path, default=WEEKEND, metavar="FILE", help="the weekend scene"
+    )
+    p.add_argument("--only", type=_names(GROUPS), default=tuple(GROUPS), metavar="GROUP,...")
+    p.add_argument("--peers", type=_names(PEERS), default=tuple(PEERS), metavar="NAME,...|none")
+    p.add_argument("--rounds", type=_count, default=d.rounds, help=f"default {d.rounds}")
+    p.add_argument("--width", type=_count, default=d.width)
+    p.add_argument("--height", type=_count, default=d.height)
+    p.add_argument("--spp", type=_count, default=d.spp)
+    p.add_argument("--depth", type=_count, default=d.depth)
+    p.add_argument("--threads", type=_count, default=d.threads)
+    p.add_argument("--reference-spp", type=_count, default=d.reference_spp)
+    p.add_argument("--long", action="store_true", help="clouds of 1e7 spheres too")
+    p.add_argument("--cache", type=Path, default=d.cache, help="folder of converged references")
+    p.add_argument(
+        "-o", "--output", type=Path, metavar="FILE.json", help="default: bench-TIME.json"
+    )
+    return p
+
+
+def main() -> int:
+    args = vars(parser().parse_args())
+    only, output = args.pop("only"), args.pop("output")
+    plan, notes, rows = Plan(**args), Notes(), []
+    date = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    load = load_average()
+    if load is not None and load > BUSY:
+        notes.add(f"the machine was busy at the start: load average {load:.1f}")
+    failed = False
+    try:
+        if set(only) & SPHERES_NEEDED:
+            read_weekend(plan.spheres)
+    except BenchError as problem:
+        print(f"bench: {problem}", file=sys.stderr)
+        return 2
+    for name in only:
+        print(f"measuring: {name}", file=sys.stderr)
+        try:
+            rows += GROUPS[name](plan, notes)
+        except BenchError as problem:  # what other groups measured is not lost
+            notes.add(f"{name} was not measured: {problem}")
+            failed = True
+    result = report(plan, notes, rows, date)
+    path = output or Path(f"bench-{date[:19].replace(':', '')}.json")
+    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    print(text(result, rows))
+    print(f"{path} written", file=sys.stderr)
+    return int(failed)
+
+
+def report(plan: Plan, notes: Notes, rows: list[Row], date: str) -> dict[str, Any]:
+    """What is written as JSON."""
+    shown = {k: v for k, v in asdict(plan).items() if k not in ("spheres", "cache")}
+    return {
+        "date": date,
+        "machine": describe(),
+        "versions": notes.versions,
+        "plan": shown,
+        "notes": notes.lines,
+        "rows": [row.json() for row in rows],
+    }
+
+
+def text(result: dict[str, Any], rows: list[Row]) -> str:
+    """Markdown, as docs/performance.md takes it."""
+    m, p = result["machine"], result["plan"]
+    versions = []
+    for name, known in result["versions"].items():
+        more = [f"{k} {known[k]}" for k in ("isa", "llvm", "drjit") if k in known]
+        versions.append(f"{name} {known['version']}" + (f" ({', '.join(more)})" if more else ""))
+    lines = [
+        f"{result['date']}; {m['cpu']}, {m['cores_available']} cores; Python {m['python']};"
+        f" {', '.join(versions)}.",
+        f"{p['width']}x{p['height']}, {p['spp']} spp, depth {p['depth']}, {p['threads']} threads,"
+        f" {p['rounds']} rounds.",
+        "",
+        table(rows),
+        "",
+        *(f"- {line}" for line in result["notes"]),
+    ]
+    return "\n".join(lines)
+
+
+def _count(value: str) -> int:
+    if not value.isdecimal() or int(value) < 1:
+        raise argparse.ArgumentTypeError(f"{value!r}: a whole number from 1 is needed")
+    return int(value)
+
+
+def _names(known: dict[str, Any]) -> Any:
+    def read(value: str) -> tuple[str, ...]:
+        names = () if value == "none" else tuple(value.split(","))
+        for name in names:
+            if name not in known:
+                raise argparse.ArgumentTypeError(f"{name!r}: choose from {', '.join(known)}")
+        return names
+
+    return read
+
+
+if __name__ == "__main__":
+    sys.exit(main())

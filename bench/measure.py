@@ -1,0 +1,304 @@
+"""What is measured, one function a group. Each returns its rows and adds to the notes.
+
+Runs that are compared alternate: A B A B, so that a machine that slows down slows both.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from .process import Worker, run, start_seconds
+from .scenes import BenchError
+from .summary import Row, ratios
+
+OURS = "parhelion"
+
+# name -> (module in renderers/, more for its job)
+PEERS: dict[str, tuple[str, dict[str, Any]]] = {
+    "mitsuba-llvm": ("mitsuba", {"variant": "llvm_ad_rgb"}),
+    "mitsuba-scalar": ("mitsuba", {"variant": "scalar_rgb"}),
+}
+
+# Seeds of references, far from those of the pictures that are compared with them.
+REFERENCE_SEED = 100_000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Settings of all measurements. spheres: the weekend file. long: clouds of 1e7 too."""
+
+    spheres: Path
+    width: int = 480
+    height: int = 270
+    spp: int = 20
+    depth: int = 50
+    threads: int = 2
+    rounds: int = 7
+    peers: tuple[str, ...] = tuple(PEERS)
+    reference_spp: int = 4096
+    long: bool = False
+    cache: Path = Path(tempfile.gettempdir()) / "parhelion-bench"
+
+    def job(self, **more: Any) -> dict[str, Any]:
+        """What a worker is told of the scene and the picture."""
+        return {
+            "spheres": str(self.spheres.resolve()),
+            "fuzz": True,
+            "width": self.width,
+            "height": self.height,
+            "depth": self.depth,
+            "threads": self.threads,
+        } | more
+
+
+class Notes:
+    """versions: of each renderer that ran. lines: what else a reader must know."""
+
+    def __init__(self) -> None:
+        self.versions: dict[str, dict[str, Any]] = {}
+        self.lines: list[str] = []
+
+    def add(self, line: str) -> None:
+        """Once, however often it is said."""
+        if line not in self.lines:
+            self.lines.append(line)
+
+
+def weekend(plan: Plan, notes: Notes) -> list[Row]:
+    """Seconds of rendering and peak memory of the same scene, ours beside the peers."""
+    with _workers(plan, notes) as workers:
+        runs: list[tuple[str, Callable[[], dict[str, Any]]]] = [
+            (name, partial(worker.render, plan.spp)) for name, worker in workers.items()
+        ]
+        ours = workers[OURS]
+        runs.insert(
+            1, (f"{OURS}, independent", partial(ours.render, plan.spp, sampler="independent"))
+        )
+        answers = alternate(runs, plan.rounds)
+        rows = _paired("weekend", "s", answers, "seconds", least=1.0)
+        megabytes = {n: [a[-1]["peak_bytes"] / 1e6] for n, a in answers.items() if n in workers}
+    rows += [Row("weekend, peak memory", name, "MB", runs) for name, runs in megabytes.items()]
+    if len(workers) > 1:
+        _check_agreement(plan, notes)
+    return rows
+
+
+def settings(plan: Plan, notes: Notes) -> list[Row]:
+    """Ours against itself: threads, instruction sets, samplers, with a tree and without."""
+    worker = Worker(OURS, plan.job())
+    notes.versions[OURS] = worker.known
+    try:
+
+        def compare(group: str, choices: dict[str, dict[str, Any]], **asked: float) -> list[Row]:
+            runs = [
+                (n, partial(worker.render, plan.spp, **options)) for n, options in choices.items()
+            ]
+            answers = alternate(runs, plan.rounds)
+            return _paired(group, "s", answers, "seconds", **asked)
+
+        all_threads, one = f"{plan.threads} threads", {"threads": 1}
+        choices = {all_threads: {"threads": plan.threads}, "1 thread": one}
+        rows = compare("threads", choices, least=0.95 * plan.threads)
+        isas = list(reversed(worker.known["isas"]))
+        rows += compare("instruction set", {isa: {"isa": isa} for isa in isas})
+        rows += compare("sampler", {name: {"sampler": name} for name in ("sobol", "independent")})
+        return rows + compare("tree", {name: {"tree": name} for name in ("bvh", "none")})
+    finally:
+        worker.close()
+
+
+def startup(plan: Plan, _notes: Notes) -> list[Row]:
+    """Importing the package, and the command `parhelion render` up to its first pass."""
+    imports = []
+    for warm in range(2 * plan.rounds + 1):
+        bare = start_seconds("-c", "pass")
+        seconds = 1e3 * (start_seconds("-c", "import parhelion") - bare)
+        if warm:
+            imports.append(seconds)
+    first = []
+    with tempfile.TemporaryDirectory() as folder:
+        for warm in range(plan.rounds + 1):
+            start = time.monotonic()
+            end = float(run("-m", "bench.first_pass", str(Path(folder) / "first.png")))
+            if warm:
+                first.append(end - start)
+    return [
+        Row("start", "import parhelion", "ms", imports, most=150.0),
+        Row("start", "first pass of parhelion render", "s", first, most=0.5),
+    ]
+
+
+def clouds(plan: Plan, notes: Notes) -> list[Row]:
+    """Boxes of random spheres: tree build, rays a second, memory. A fresh process each time."""
+    rows = []
+    for count in (10**5, 10**6) + ((10**7,) if plan.long else ()):
+        build, paths, camera, memory = [], [], [], []
+        for _ in range(min(plan.rounds, 3)):
+            worker = Worker(OURS, plan.job(cloud=count, depth=8))
+            try:
+                whole = worker.render(16)
+                single = worker.render(16, max_depth=1)
+            finally:
+                worker.close()
+            build.append(worker.known["build_seconds"])
+            paths.append(whole["rays"] / whole["seconds"] / 1e6)
+            camera.append(single["rays"] / single["seconds"] / 1e6)
+            memory.append(whole["peak_bytes"] / count)
+        group = f"{count:.0e} spheres".replace("e+0", "e")
+        rows += [
+            Row(group, "checks and tree", "s", build),
+            Row(group, "camera rays", "M/s", camera, more=True),
+            Row(group, "whole diffuse paths", "M rays/s", paths, more=True),
+            Row(group, "peak memory of the process", "B a sphere", memory),
+        ]
+    notes.versions[OURS] = worker.known
+    return rows
+
+
+def error(plan: Plan, notes: Notes) -> list[Row]:
+    """Mean squared error of the linear picture times seconds, each against its own reference."""
+    import numpy as np
+
+    with _workers(plan, notes, without="mitsuba-scalar") as workers:
+        references = {name: np.load(_reference(plan, w)) for name, w in workers.items()}
+        ours = workers[OURS]
+        runs: list[tuple[str, Worker, Any, dict[str, str]]] = [
+            (name, w, references[name], {}) for name, w in workers.items()
+        ]
+        runs.insert(1, (f"{OURS}, independent", ours, references[OURS], {"sampler": "independent"}))
+        errors: dict[str, list[float]] = {name: [] for name, *_ in runs}
+        products: dict[str, list[float]] = {name: [] for name, *_ in runs}
+        path = plan.cache / "picture.npy"
+        for seed in range(plan.rounds + 1):
+            for name, worker, reference, options in runs:
+                seconds = worker.render(plan.spp, seed, path, **options)["seconds"]
+                if seed:  # the first is not counted: it may compile
+                    mse = float(np.mean((np.load(path).astype(np.float64) - reference) ** 2))
+                    errors[name].append(mse)
+                    products[name].append(mse * seconds)
+        path.unlink()
+    rows = [Row("mean squared error", name, "", runs) for name, runs in errors.items()]
+    base = products[OURS]
+    for name, values in products.items():
+        pairs = ratios(values, base) if name != OURS else ()
+        rows.append(Row("error x time", name, "s", values, against=OURS, ratios=pairs))
+    return rows
+
+
+GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
+    "weekend": weekend,
+    "settings": settings,
+    "startup": startup,
+    "clouds": clouds,
+    "error": error,
+}
+
+
+def alternate(
+    runs: Sequence[tuple[str, Callable[[], dict[str, Any]]]], rounds: int
+) -> dict[str, list[dict[str, Any]]]:
+    """Answers of each, in turns, after one turn that is not counted."""
+    answers: dict[str, list[dict[str, Any]]] = {name: [] for name, _ in runs}
+    for turn in range(rounds + 1):
+        for name, call in runs:
+            answer = call()
+            if turn:
+                answers[name].append(answer)
+    return answers
+
+
+def _paired(
+    group: str,
+    unit: str,
+    answers: dict[str, list[dict[str, Any]]],
+    key: str,
+    least: float | None = None,
+) -> list[Row]:
+    """One row each; all but the first are paired with the first, and shall be slower than it."""
+    values = {name: [a[key] for a in answered] for name, answered in answers.items()}
+    base = next(iter(values))
+    rows = []
+    for name, runs in values.items():
+        own = name.startswith(OURS)
+        rows.append(
+            Row(
+                group,
+                name,
+                unit,
+                runs,
+                against=None if name == base else base,
+                ratios=() if name == base else ratios(runs, values[base]),
+                least_ratio=None if own or name == base else least,
+            )
+        )
+    return rows
+
+
+@contextmanager
+def _workers(
+    plan: Plan, notes: Notes, without: str = "", **more: Any
+) -> Iterator[dict[str, Worker]]:
+    """Ours and every peer that is to be had, ours first; a note says which is not."""
+    with ExitStack() as stack:
+        workers = {OURS: Worker(OURS, plan.job(**more))}
+        stack.callback(workers[OURS].close)
+        for name in plan.peers:
+            if name == without:
+                continue
+            renderer, variant = PEERS[name]
+            try:
+                worker = Worker(renderer, plan.job(**variant, **more))
+                stack.callback(worker.close)
+                worker.render(1)
+            except BenchError as problem:
+                notes.add(f"{name} was not measured: {problem}")
+                continue
+            workers[name] = worker
+        notes.versions |= {name: worker.known for name, worker in workers.items()}
+        yield workers
+
+
+def _check_agreement(plan: Plan, notes: Notes) -> None:
+    """Notes how far mean colours differ, with every metal a mirror and as they are.
+
+    As mirrors the models are the same; fuzz is not, so there a difference is no error.
+    """
+    import numpy as np
+
+    plan.cache.mkdir(parents=True, exist_ok=True)
+    path = plan.cache / "agreement.npy"
+    for fuzz, words in ((False, "all metals mirrors"), (True, "fuzzy metals as given")):
+        with _workers(plan, notes, without="mitsuba-scalar", fuzz=fuzz) as workers:
+            means = {}
+            for name, worker in workers.items():
+                worker.render(max(64, plan.spp), 1, path)
+                means[name] = np.load(path).mean(axis=(0, 1), dtype=np.float64)
+        for name, mean in means.items():
+            if name != OURS:
+                percent = ", ".join(f"{100 * d:+.2f} %" for d in mean / means[OURS] - 1)
+                notes.add(f"mean colour, {words}: {name} less ours: {percent} (R, G, B)")
+    path.unlink()
+
+
+def _reference(plan: Plan, worker: Worker) -> Path:
+    """The converged picture of a renderer, from the cache if it has been made before."""
+    identity = {k: v for k, v in worker.known.items() if isinstance(v, str)}
+    key = repr((worker.name, sorted(identity.items()), plan.job(), plan.reference_spp))
+    digest = hashlib.sha256(key.encode() + plan.spheres.read_bytes()).hexdigest()
+    plan.cache.mkdir(parents=True, exist_ok=True)
+    path = plan.cache / f"{worker.name}-{digest[:16]}.npy"
+    if not path.exists():
+        print(f"making the reference of {worker.name}, {plan.reference_spp} spp", file=sys.stderr)
+        part = path.with_name("part.npy")
+        worker.render(plan.reference_spp, REFERENCE_SEED, part)
+        part.replace(path)
+    return path

@@ -1,0 +1,72 @@
+"""The scenes that are measured, as plain lists and arrays that every renderer can be given."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+WEEKEND = REPOSITORY.parent / "shared" / "scenes" / "weekend" / "spheres.json"
+
+
+class BenchError(Exception):
+    """Something that the person who runs the measurement can mend; its text says what."""
+
+
+@dataclass(frozen=True)
+class Weekend:
+    """camera, sky and spheres as in the file; lengths in its own unit, colours linear RGB."""
+
+    camera: dict[str, Any]
+    sky: dict[str, Any]
+    spheres: list[dict[str, Any]]
+
+    def of(self, kind: str) -> Iterator[dict[str, Any]]:
+        """The spheres of one kind: diffuse, metal or glass."""
+        return (s for s in self.spheres if s["type"] == kind)
+
+
+def read_weekend(path: Path, *, fuzz: bool = True) -> Weekend:
+    """Reads a spheres.json. Without fuzz every metal is a mirror.
+
+    Raises BenchError if there is no such file, or not of this form.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BenchError(f"{path}: no such file; name a spheres.json with --spheres") from None
+    except (OSError, ValueError) as error:
+        raise BenchError(f"{path}: {error}") from error
+    try:
+        camera = {k: data["camera"][k] for k in ("lookfrom", "lookat", "vup", "vfov")}
+        camera["focus_distance"] = data["camera"]["focus_dist"]
+        camera["aperture_radius"] = data["camera"]["lens_radius"]
+        sky = {k: data["sky"][k] for k in ("horizon", "zenith")}
+        names = ("center", "radius", "type", "albedo", "fuzz", "ior")
+        spheres = [{k: s[k] for k in names} for s in data["spheres"]]
+    except (KeyError, TypeError) as error:
+        raise BenchError(f"{path}: not a list of spheres with camera and sky: {error}") from error
+    unknown = {s["type"] for s in spheres} - {"diffuse", "metal", "glass"}
+    if unknown:
+        raise BenchError(f"{path}: unknown type {min(unknown)!r}; diffuse, metal or glass")
+    if not fuzz:
+        for sphere in spheres:
+            sphere["fuzz"] = 0.0
+    return Weekend(camera, sky, spheres)
+
+
+def cloud(count: int) -> tuple[np.ndarray, float]:
+    """Centres, (count, 3) float32 at random in the unit box, and the radius of all.
+
+    The radius shrinks so that the share of the box that is filled does not depend on count.
+    """
+    import numpy as np
+
+    centers = np.random.default_rng(1).random((count, 3), dtype=np.float32)
+    return centers, 0.25 * count ** (-1 / 3)

@@ -1,0 +1,181 @@
+"""The harness of bench/: its arithmetic, and that it runs."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+if not (REPOSITORY / "bench").is_dir():
+    pytest.skip("bench/ is not part of a source distribution", allow_module_level=True)
+sys.path.insert(0, str(REPOSITORY))
+
+from bench.compare import compare, verdict  # noqa: E402
+from bench.measure import alternate  # noqa: E402
+from bench.scenes import BenchError, read_weekend  # noqa: E402
+from bench.summary import Row, ratios, spread, table  # noqa: E402
+
+
+def weekend() -> dict:
+    names = ("center", "radius", "type", "albedo", "fuzz", "ior")
+    spheres = [
+        ([0, -1000, 0], 1000, "diffuse", [0.5, 0.5, 0.5], 0, 0),
+        ([0, 1, 0], 1, "glass", [1, 1, 1], 0, 1.5),
+        ([4, 1, 0], 1, "metal", [0.7, 0.6, 0.5], 0.3, 0),
+    ]
+    return {
+        "camera": {
+            "lookfrom": [13, 2, 3],
+            "lookat": [0, 0, 0],
+            "vup": [0, 1, 0],
+            "vfov": 20,
+            "focus_dist": 10,
+            "lens_radius": 0.05,
+        },
+        "sky": {"horizon": [1, 1, 1], "zenith": [0.5, 0.7, 1]},
+        "spheres": [dict(zip(names, s, strict=True)) for s in spheres],
+    }
+
+
+@pytest.fixture
+def spheres(tmp_path: Path) -> Path:
+    path = tmp_path / "spheres.json"
+    path.write_text(json.dumps(weekend()))
+    return path
+
+
+def command(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def test_spread_and_ratios():
+    assert spread([3.0, 1.0, 2.0]) == {"median": 2.0, "min": 1.0, "max": 3.0}
+    # pair by pair: the machine was half as fast in the second round
+    assert ratios([2.0, 4.0], [1.0, 2.0]) == [2.0, 2.0]
+    with pytest.raises(ValueError, match="longer"):
+        ratios([1.0], [1.0, 2.0])
+
+
+def test_runs_alternate_and_the_first_round_is_not_counted():
+    order: list[str] = []
+
+    def runner(name: str):
+        return lambda: order.append(name) or {"turn": len(order)}
+
+    answers = alternate([("a", runner("a")), ("b", runner("b"))], 2)
+    assert order == ["a", "b"] * 3
+    assert answers == {"a": [{"turn": 3}, {"turn": 5}], "b": [{"turn": 4}, {"turn": 6}]}
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        (Row("g", "n", "s", [1.0], most=1.0), "at most 1, met"),
+        (Row("g", "n", "s", [1.1], most=1.0), "at most 1, MISSED"),
+        (Row("g", "n", "s", [2.0], ratios=[1.9], against="b", least_ratio=1.9), "met"),
+        (Row("g", "n", "s", [2.0], ratios=[1.8], against="b", least_ratio=1.9), "MISSED"),
+        (Row("g", "n", "s", [2.0], ratios=[1, 3, 5], against="b"), "3 x b (1 to 5)"),
+    ],
+)
+def test_table_says_what_was_asked(row: Row, words: str):
+    lines = table([row]).splitlines()
+    assert len(lines) == 3
+    assert len({len(line) for line in lines}) == 1
+    assert words in lines[2]
+
+
+def row(*runs: float, more: bool = False) -> dict:
+    return Row("g", "n", "s", runs, more=more).json()
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "word"),
+    [
+        (row(1.0, 1.1), row(1.2, 1.3), "worse"),
+        (row(1.2, 1.3), row(1.0, 1.1), "better"),
+        (row(1.0, 1.1, more=True), row(1.2, 1.3, more=True), "better"),
+        (row(1.2, 1.3, more=True), row(1.0, 1.1, more=True), "worse"),
+        (row(1.0, 1.2), row(1.1, 1.3), "same"),  # overlap
+        (row(1.0, 1.0), row(1.005, 1.005), "same"),  # apart, but by too little
+        (row(1.0), row(2.0, 2.0), "unknown"),
+    ],
+)
+def test_verdict(before: dict, after: dict, word: str):
+    assert verdict(before, after) == word
+
+
+def test_compare_lists_every_row_and_what_differs_around_them():
+    rest = {"machine": {"cpu": "x"}, "plan": {"spp": 20}, "notes": []}
+    before = {**rest, "rows": [row(1, 1), {**row(1, 1), "name": "old"}]}
+    after = {
+        "machine": {"cpu": "y"},
+        "plan": {"spp": 20},
+        "notes": ["busy"],
+        "rows": [row(2, 2), {**row(1, 1), "name": "new"}],
+    }
+    lines, worse = compare(before, after)
+    assert worse
+    assert "machine, cpu: x before, y after" in lines[0]
+    assert lines[1] == "note: after: busy"
+    assert [line.split()[0] for line in lines[2:]] == ["worse", "new", "gone"]
+    assert "(+100.0%)" in lines[2]
+    assert compare(before, before)[1] is False
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "--spheres"),
+        ("{", "Expecting"),
+        ("{}", "camera"),
+        (json.dumps(weekend()).replace('"glass"', '"glas"'), "unknown type 'glas'"),
+    ],
+)
+def test_a_bad_scene_file_is_one_clear_error(tmp_path: Path, text: str | None, words: str):
+    path = tmp_path / "s.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(BenchError, match=words):
+        read_weekend(path)
+
+
+def test_the_whole_harness_runs_and_its_files_compare(tmp_path: Path, spheres: Path):
+    output = tmp_path / "b.json"
+    size = ("--width", 16, "--height", 9, "--spp", 1, "--rounds", 1, "--reference-spp", 4)
+    done = command(
+        *("-m", "bench", "--spheres", spheres, "--peers", "none", "--cache", tmp_path / "cache"),
+        *("--only", "weekend,settings,startup,error", "-o", output),
+        *size,
+    )
+    assert done.returncode == 0, done.stderr
+    result = json.loads(output.read_text())
+    assert {r["group"] for r in result["rows"]} >= {"weekend", "threads", "tree", "start"}
+    assert all(value > 0 for r in result["rows"] for value in r["runs"] if r["group"] != "start")
+    assert result["versions"]["parhelion"]["version"]
+    assert "| weekend: parhelion " in done.stdout
+
+    same = command("bench/compare.py", output, output)
+    assert same.returncode == 0, same.stderr
+    assert len(same.stdout.splitlines()) == len(result["rows"])
+
+
+def test_mistakes_end_with_2_and_one_line(tmp_path: Path):
+    done = command("-m", "bench", "--spheres", tmp_path / "none.json", "--only", "settings")
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("bench: ")
+    assert "--spheres" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    (tmp_path / "x.json").write_text("[]")
+    done = command("bench/compare.py", tmp_path / "x.json", tmp_path / "x.json")
+    assert done.returncode == 2
+    assert "not a file of python -m bench" in done.stderr
