@@ -250,7 +250,7 @@ RenderView make_view(const Scene& scene, const DTriple& eye, const DTriple& targ
   c.vfov = vfov;
   c.aperture_radius = aperture_radius;
   c.focus_distance = focus_distance;
-  return {make_camera(c, width, height, scene.scale()),
+  return {make_camera(c, width, height, scene.scale(), scene.view().bounds),
           make_filter(filter, filter_radius),
           sampler_kind(sampler),
           seed,

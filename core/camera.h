@@ -18,6 +18,7 @@ struct DVec3 {
 // axes span the lens, their length its radius.
 struct Camera {
   DVec3 eye, corner, right, down, lens_x, lens_y;
+  bool outside;  // of the scene's bounds, the eye or a part of the lens
 };
 
 }  // namespace parhelion
@@ -57,7 +58,7 @@ PH_INLINE bool camera_ray(const Camera& camera, const Box& bounds, u32 x, u32 y,
                         camera.down * (static_cast<double>(y) + offset.y) - on_lens;
   const DVec3 direction = through * (1.0 / compiler::sqrt(dot(through, through)));
   const DVec3 origin = camera.eye + on_lens;
-  const double start = entry(origin, direction, bounds);
+  const double start = camera.outside ? entry(origin, direction, bounds) : 0.0;
   ray.direction = to_float(direction);
   ray.self = kNoSlot;
   ray.inward = false;

@@ -96,7 +96,7 @@ PH_INLINE bool bounce(const SceneView& scene, const RenderView& view, const Surf
     if (draw1(sampler, draw + kDrawRoulette) >= survival) return false;
     path.throughput *= 1.0f / survival;
   }
-  path.ray = ray_from(s, normalize(to_world(frame, next.wi)));
+  path.ray = ray_from(s, renormalize(to_world(frame, next.wi)));
   ++path.depth;
   ++stats.rays;
   return true;

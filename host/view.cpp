@@ -32,13 +32,19 @@ double half_tangent(double degrees, const char* name) {
   return half.s / half.c;
 }
 
+bool inside(DVec3 p, double margin, const Box& b) {
+  return p.x - margin >= b.low.x && p.x + margin <= b.high.x && p.y - margin >= b.low.y &&
+         p.y + margin <= b.high.y && p.z - margin >= b.low.z && p.z + margin <= b.high.z;
+}
+
 }  // namespace
 
 // With t towards the target and v up, b = v x t points to the viewer's left. The published formula
 // p_ij = p_1m + q_x (i - 1) + q_y (j - 1), with p_1m = t d - g_x b - g_y v, therefore counts i from
 // the right and j from the bottom. A picture is stored from the top left: column x is i = k - x and
 // row y is j = m - y, so `right` is -q_x and `down` is -q_y.
-Camera make_camera(const CameraInput& input, u32 width, u32 height, double scale) {
+Camera make_camera(const CameraInput& input, u32 width, u32 height, double scale,
+                   const Box& bounds) {
   const DVec3 eye = finite_vector(input.eye, "eye"), target = finite_vector(input.target, "target");
   const DVec3 up = finite_vector(input.up, "up");
   const DVec3 t = target - eye;
@@ -77,7 +83,8 @@ Camera make_camera(const CameraInput& input, u32 width, u32 height, double scale
   const DVec3 right = b_n * -step, down = v_n * -step;
   const DVec3 corner = t_n * d - right * (0.5 * (width - 1.0)) - down * (0.5 * (height - 1.0));
   const double lens = input.aperture_radius * scale;
-  return {eye * scale, corner, right, down, b_n * -lens, v_n * lens};
+  const DVec3 e = eye * scale;
+  return {e, corner, right, down, b_n * -lens, v_n * lens, !inside(e, lens, bounds)};
 }
 
 FilterTable make_filter(const std::string& name, double radius) {

@@ -15,7 +15,9 @@ struct CameraInput {
 };
 
 // Throws SceneError for a camera without a meaning.
-Camera make_camera(const CameraInput& input, u32 width, u32 height, double scale);
+// bounds: of the scene, in normalised units; scale: those units per user's unit.
+Camera make_camera(const CameraInput& input, u32 width, u32 height, double scale,
+                   const Box& bounds);
 
 // radius 0 is the filter's own. Throws SceneError for an unknown name or a bad radius.
 FilterTable make_filter(const std::string& name, double radius);
