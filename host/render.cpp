@@ -4,6 +4,8 @@
 
 #include <atomic>
 #include <chrono>
+#include <condition_variable>
+#include <mutex>
 
 namespace parhelion {
 
@@ -16,57 +18,95 @@ void Film::means(float* rgb) const {
   }
 }
 
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+// Often enough to stop well within a second, rarely enough to cost nothing.
+constexpr auto kTickInterval = std::chrono::milliseconds(50);
+// Between two looks at whether to stop; a millisecond's work, of most scenes.
+constexpr u32 kSamplesPerStep = 512;
+
+// What the threads of a pass share. Only thread 0, the caller's own, ticks.
+struct Pass {
+  const Tick& tick;
+  std::atomic<u64> samples{0}, rays{0};
+  std::atomic<bool> stop{false};
+  Clock::time_point next = Clock::now() + kTickInterval;
+  std::mutex mutex;
+  std::condition_variable ended;
+  int at_work = 0;
+
+  explicit Pass(const Tick& t) : tick(t) {}
+
+  void maybe_tick(u64 more_samples, u64 more_rays) {
+    if (Clock::now() < next) return;
+    if (tick(samples.load(std::memory_order_relaxed) + more_samples,
+             rays.load(std::memory_order_relaxed) + more_rays)) {
+      stop.store(true, std::memory_order_relaxed);
+    }
+    next = Clock::now() + kTickInterval;
+  }
+
+  // A thread that has no tile left. Thread 0 goes on ticking until all are here: the others may
+  // have much to do yet, and must still be stoppable.
+  void end(bool first_thread) {
+    std::unique_lock<std::mutex> lock(mutex);
+    if (--at_work == 0) ended.notify_one();
+    while (first_thread && at_work > 0) {
+      if (ended.wait_for(lock, kTickInterval, [&] { return at_work == 0; })) return;
+      lock.unlock();
+      maybe_tick(0, 0);
+      lock.lock();
+    }
+  }
+};
+
+}  // namespace
+
 PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderView& view,
                        Film& film, u32 first, u32 last, const RenderOptions& options,
                        const Tick& tick) {
-  using Clock = std::chrono::steady_clock;
-  // Often enough to stop well within a second, rarely enough to cost nothing.
-  constexpr auto interval = std::chrono::milliseconds(50);
-
-  constexpr u32 kSamplesPerStep = 128;
-
   const u32 edge = options.tile;
   const u32 across = (film.width + edge - 1) / edge, down = (film.height + edge - 1) / edge;
   const i64 tiles = static_cast<i64>(across) * down;
-  const u64 steps = (last - first + kSamplesPerStep - 1) / kSamplesPerStep;
   const SceneView scene_view = scene.view();
-  std::atomic<u64> samples{0}, rays{0};
-  std::atomic<bool> stop{false};
-  Clock::time_point next = Clock::now() + interval;
-
   switch (options.schedule) {
     case Schedule::dynamic_: omp_set_schedule(omp_sched_dynamic, 1); break;
     case Schedule::static_: omp_set_schedule(omp_sched_static, 0); break;
     case Schedule::guided: omp_set_schedule(omp_sched_guided, 1); break;
   }
-#pragma omp parallel for schedule(runtime) num_threads(options.threads)
-  for (i64 tile = 0; tile < tiles; ++tile) {
-    const u32 x0 = static_cast<u32>(tile % across) * edge;
-    const u32 y0 = static_cast<u32>(tile / across) * edge;
-    const u32 x1 = std::min(x0 + edge, film.width), y1 = std::min(y0 + edge, film.height);
-    PathStats stats = {0};
-    u64 done = 0;
-    // A row of a tile at a time, and of many samples only some, so that a stop is never far.
-    for (u64 step = 0; step < steps * (y1 - y0) && !stop.load(std::memory_order_relaxed); ++step) {
-      const u32 y = y0 + static_cast<u32>(step / steps);
-      const u32 from = first + static_cast<u32>(step % steps) * kSamplesPerStep;
-      const u32 to = std::min(last, from + kSamplesPerStep);
-      FilmPixel* row = &film.pixels[static_cast<size_t>(y) * film.width + x0];
-      kernels.render_row(scene_view, view, film.y + y, film.x + x0, film.x + x1, from, to, row,
-                         stats);
-      done += static_cast<u64>(x1 - x0) * (to - from);
-      if (omp_get_thread_num() == 0 && Clock::now() >= next) {
-        if (tick(samples.load(std::memory_order_relaxed) + done,
-                 rays.load(std::memory_order_relaxed) + stats.rays)) {
-          stop.store(true, std::memory_order_relaxed);
+  Pass pass(tick);
+#pragma omp parallel num_threads(options.threads)
+  {
+    const bool first_thread = omp_get_thread_num() == 0;
+#pragma omp single
+    pass.at_work = omp_get_num_threads();  // may be fewer than were asked for
+#pragma omp for schedule(runtime) nowait
+    for (i64 tile = 0; tile < tiles; ++tile) {
+      const u32 x0 = static_cast<u32>(tile % across) * edge;
+      const u32 y0 = static_cast<u32>(tile / across) * edge;
+      const u32 x1 = std::min(x0 + edge, film.width), y1 = std::min(y0 + edge, film.height);
+      const u32 stride = std::max(1u, kSamplesPerStep / (x1 - x0));
+      PathStats stats = {0};
+      u64 done = 0;
+      for (u32 y = y0; y < y1; ++y) {
+        FilmPixel* row = &film.pixels[static_cast<size_t>(y) * film.width + x0];
+        for (u64 from = first; from < last; from += stride) {
+          if (pass.stop.load(std::memory_order_relaxed)) break;
+          const u32 to = static_cast<u32>(std::min<u64>(last, from + stride));
+          kernels.render_row(scene_view, view, film.y + y, film.x + x0, film.x + x1,
+                             static_cast<u32>(from), to, row, stats);
+          done += static_cast<u64>(x1 - x0) * (to - from);
+          if (first_thread) pass.maybe_tick(done, stats.rays);
         }
-        next = Clock::now() + interval;
       }
+      pass.samples.fetch_add(done, std::memory_order_relaxed);
+      pass.rays.fetch_add(stats.rays, std::memory_order_relaxed);
     }
-    samples.fetch_add(done, std::memory_order_relaxed);
-    rays.fetch_add(stats.rays, std::memory_order_relaxed);
+    pass.end(first_thread);
   }
-  return {samples.load(), rays.load(), !stop.load()};
+  return {pass.samples.load(), pass.rays.load(), !pass.stop.load()};
 }
 
 void release_threads() { omp_pause_resource_all(omp_pause_hard); }

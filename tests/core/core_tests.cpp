@@ -93,7 +93,7 @@ struct Cloud {
 
 RenderView make_view(const Scene& scene, u32 width, u32 height, SamplerKind sampler) {
   const CameraInput camera = {{2.0, 1.2, 2.5}, {0.5, 0.4, 0.5}, {0, 1, 0}, 0.0, 40.0, 0.02, 0.0};
-  return {make_camera(camera, width, height, scene.scale()),
+  return {make_camera(camera, width, height, scene.scale(), scene.view().bounds),
           make_filter("blackman-harris", 0.0),
           sampler,
           7,
@@ -243,7 +243,7 @@ void mistakes_are_named() {
   CHECK(message_of([] { kernels("mmx"); }).find("baseline") != std::string::npos);
   CHECK(message_of([] { make_filter("boxy", 0.0); }).find("tent") != std::string::npos);
   CameraInput camera = {{1, 2, 3}, {1, 2, 3}, {0, 1, 0}, 0.0, 40.0, 0.0, 0.0};
-  CHECK(message_of([&] { make_camera(camera, 4, 4, 1.0); }).find("same point") !=
+  CHECK(message_of([&] { make_camera(camera, 4, 4, 1.0, Box{}); }).find("same point") !=
         std::string::npos);
 }
 
