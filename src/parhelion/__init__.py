@@ -18,9 +18,10 @@ if TYPE_CHECKING:
     from .builtin import weekend
     from .errors import FormatError, ParhelionError, ResourceError, SceneError
     from .image import Image
-    from .io import load
-    from .renderer import Prepared, Progress, prepare, render
-    from .scene import Background, Camera, Material, Scene, Settings, Spheres
+    from .io import LoadOptions, load
+    from .progress import Progress
+    from .renderer import Prepared, prepare, render
+    from .scene import Background, Camera, Framing, Material, Scene, Settings, Spheres
 
 _HOMES = {
     "FormatError": "errors",
@@ -28,13 +29,15 @@ _HOMES = {
     "ResourceError": "errors",
     "SceneError": "errors",
     "Image": "image",
+    "LoadOptions": "io",
     "load": "io",
     "Prepared": "renderer",
-    "Progress": "renderer",
+    "Progress": "progress",
     "prepare": "renderer",
     "render": "renderer",
     "Background": "scene",
     "Camera": "scene",
+    "Framing": "scene",
     "Material": "scene",
     "Scene": "scene",
     "Settings": "scene",
@@ -46,7 +49,9 @@ __all__ = [
     "Background",
     "Camera",
     "FormatError",
+    "Framing",
     "Image",
+    "LoadOptions",
     "Material",
     "ParhelionError",
     "Prepared",
@@ -72,4 +77,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted({*globals(), *__all__})

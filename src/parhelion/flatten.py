@@ -6,7 +6,7 @@ Big arrays pass through uncopied where their type and layout already fit.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,6 +49,10 @@ def flatten(scene: Scene) -> Flat:
     """Raises SceneError for arrays that do not fit together and for unknown names."""
     if not isinstance(scene, Scene):
         raise SceneError(f"a Scene is needed, not {type(scene).__name__}")
+    if not isinstance(scene.materials, Mapping):
+        raise SceneError(f"materials: a dict is needed, not {type(scene.materials).__name__}")
+    if not isinstance(scene.shapes, Sequence):
+        raise SceneError(f"shapes: a list is needed, not {type(scene.shapes).__name__}")
     for name, named in scene.materials.items():
         if not isinstance(named, Material):
             raise SceneError(f"material {name!r}: a Material is needed, not {named!r}")
@@ -93,7 +97,11 @@ def _group(shape: Spheres, names: dict[str, int], materials: list[Block]) -> tup
         )
     colors = None
     if shape.colors is not None:
-        colors = _floats(shape.colors, f"{where}: colors").astype(np.float32, copy=False)
+        colors = _floats(shape.colors, f"{where}: colors")
+        with np.errstate(over="ignore"):  # the core names the one that became infinite
+            colors = colors.astype(np.float32, copy=False)
+        if colors.size == 0:
+            colors = colors.reshape(0, 3)
         if colors.shape != (count, 3):
             raise SceneError(f"{where}: colors has shape {colors.shape}; must be ({count}, 3)")
 
@@ -109,7 +117,8 @@ def _group(shape: Spheres, names: dict[str, int], materials: list[Block]) -> tup
         index = names[shape.material]
     else:
         material_of = _indices(shape.material, count, len(names), where)
-    return str(shape.name), centers, radii, index, material_of, colors
+    name = str(shape.name).encode(errors="backslashreplace").decode()  # of any file's name
+    return name, centers, radii, index, material_of, colors
 
 
 def _floats(values: Any, what: str) -> Any:
@@ -128,7 +137,7 @@ def _floats(values: Any, what: str) -> Any:
 
 def _indices(values: Any, count: int, known: int, where: str) -> Any:
     array = np.asarray(values)
-    if array.dtype.kind not in "iu":
+    if array.dtype.kind not in "iu" and array.size:
         raise SceneError(
             f"{where}: material must be a name, a Material or whole numbers, not {array.dtype}"
         )

@@ -60,7 +60,8 @@ def subject(scene: Scene) -> Iterator[tuple[Array, Array]]:
     for shape in scene.shapes:
         centers = np.asarray(shape.centers)
         if centers.size and (not names or shape.name in names):
-            yield centers, np.asarray(shape.radii)
+            # unsigned integers would wrap around below 0
+            yield centers, np.asarray(shape.radii, dtype=np.float64)
 
 
 def bounds(scene: Scene) -> tuple[Array, Array]:

@@ -97,13 +97,15 @@ class Image:
         check_output(file, bits)
         ending = file.suffix.lower()
         depth = bits or WRITABLE[ending][0]
+        data: NDArray[Any]
         if ending == ".exr":
-            data = self.pixels.astype(np.float16) if depth == 16 else self.pixels
+            data = self.pixels
+            if depth == 16:  # brighter than its largest number would become infinite
+                data = np.minimum(data, np.finfo(np.float16).max).astype(np.float16)
         else:
             data = self.srgb(depth)
-        content = encoded(data, self.metadata(), ending)
         with replacing(file) as temporary:
-            temporary.write_bytes(content)
+            temporary.write_bytes(encoded(data, self.metadata(), ending))
 
     def png_bytes(self) -> bytes:
         """The picture as the bytes of an 8-bit sRGB PNG file."""
@@ -132,11 +134,17 @@ def check_output(path: str | os.PathLike[str], bits: int | None = None) -> None:
     if bits is not None and bits not in WRITABLE[ending]:
         choices = ", ".join(map(str, WRITABLE[ending]))
         raise SceneError(f"{file}: {ending} cannot hold {bits} bits a channel (choices: {choices})")
-    target = Path(os.path.realpath(file))
-    if target.is_dir():
-        raise ResourceError(f"{file}: is a folder")
-    if not target.parent.is_dir():
-        raise ResourceError(f"{file}: there is no folder {target.parent}")
+    try:
+        target = Path(os.path.realpath(file))
+        if target.is_dir():
+            raise ResourceError(f"{file}: is a folder")
+        if not target.parent.is_dir():
+            raise ResourceError(f"{file}: there is no folder {target.parent}")
+    except (OSError, ValueError) as error:  # too long a name; a null character in it
+        if isinstance(error, ResourceError):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        raise ResourceError(f"{file}: cannot be written: {reason}") from error
     needed = target if is_special(target) else target.parent
     if not os.access(needed, os.W_OK):
         raise ResourceError(f"{file}: no permission to write {needed}")
@@ -145,8 +153,8 @@ def check_output(path: str | os.PathLike[str], bits: int | None = None) -> None:
 def encoded(data: NDArray[Any], metadata: dict[str, str], ending: str) -> bytes:
     """Pixels, (H, W, channels), as the bytes of a file with that ending.
 
-    The library writes into memory, for on a full disk some of its writers report success and one
-    ends the process.
+    The library writes into memory, for where there is no room some of its writers report success
+    and one ends the process.
     """
     import OpenImageIO as oiio
 
@@ -166,7 +174,7 @@ def encoded(data: NDArray[Any], metadata: dict[str, str], ending: str) -> bytes:
     output = oiio.ImageOutput.create(f"image{ending}")
     if output is None:
         raise ResourceError(oiio.geterror() or f"no writer for {ending}")
-    with _memory_file() as path:
+    with _memory_file(largest_file(data, metadata)) as path:
         ok = output.open(path, spec) and output.write_image(np.ascontiguousarray(data))
         reason = output.geterror()
         if not (output.close() and ok):
@@ -174,12 +182,21 @@ def encoded(data: NDArray[Any], metadata: dict[str, str], ending: str) -> bytes:
         return Path(path).read_bytes()
 
 
+def largest_file(data: NDArray[Any], metadata: dict[str, str]) -> int:
+    """Bytes that no picture file is larger than, however badly it can be compressed."""
+    return data.nbytes + data.nbytes // 4 + 64 * len(data) + 8 * len(str(metadata)) + 65536
+
+
 @contextmanager
-def _memory_file() -> Iterator[str]:
-    """The path of an empty file in memory; where there is no such thing, of a temporary one."""
+def _memory_file(size: int) -> Iterator[str]:
+    """The path of a file in memory; where there is no such thing, of a temporary one.
+
+    Raises OSError where the process may not write files of that size (`ulimit -f`).
+    """
     if hasattr(os, "memfd_create"):
         handle = os.memfd_create("parhelion")
         try:
+            os.ftruncate(handle, size)  # takes no memory; the writer begins at 0 again
             yield f"/proc/self/fd/{handle}"
         finally:
             os.close(handle)

@@ -1,21 +1,37 @@
-"""A live progress bar on stderr: percent, samples and rays a second, time left."""
+"""How far a rendering is, and a live bar on stderr that shows it."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TextIO
+from dataclasses import dataclass
+from typing import Any, TextIO
 
-if TYPE_CHECKING:
-    from .renderer import Progress, ProgressCallback
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a picture is. samples and rays so far; seconds since the start."""
+
+    samples: int
+    total_samples: int
+    rays: int
+    seconds: float
+
+    @property
+    def fraction(self) -> float:
+        """The share that is done, 0 to 1."""
+        return self.samples / self.total_samples
+
+
+ProgressCallback = Callable[[Progress], Any]
 
 
 @contextmanager
 def bar(stream: TextIO | None = None) -> Iterator[ProgressCallback]:
     """A function for render()'s progress argument; shows nothing where stderr is no terminal."""
     out = stream or sys.stderr
-    if not out.isatty():
+    if out is None or not out.isatty():  # None: the process was started without a stderr
         yield lambda _: None
         return
     from rich.console import Console

@@ -5,15 +5,18 @@ from __future__ import annotations
 import logging
 import operator
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from . import machine
+import numpy as np
+
+from . import machine, memory, tables
 from .errors import ResourceError, SceneError, unknown_name
 from .flatten import Flat, flatten
+from .framing import placed
 from .image import Image, RenderStats
-from .scene import Camera, Scene, Settings, framed
+from .progress import Progress, ProgressCallback
+from .scene import Camera, Framing, Scene, Settings, Vec3
 
 log = logging.getLogger("parhelion")
 
@@ -21,23 +24,11 @@ log = logging.getLogger("parhelion")
 # the whole picture a little better.
 PASS_SECONDS = 0.25
 
+# Bytes a pixel: the film's sums, and the arrays that are made of them while they are still there.
+PIXEL_BYTES = 56 + 20
 
-@dataclass(frozen=True)
-class Progress:
-    """How far a picture is. samples and rays so far; seconds since the start."""
-
-    samples: int
-    total_samples: int
-    rays: int
-    seconds: float
-
-    @property
-    def fraction(self) -> float:
-        """The share that is done, 0 to 1."""
-        return self.samples / self.total_samples
-
-
-ProgressCallback = Callable[[Progress], Any]
+LARGEST_SIDE = 65536
+SCHEDULES = ("dynamic", "static", "guided")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +62,7 @@ def prepare(scene: Scene) -> Prepared:
 def render(
     scene: Scene | Prepared,
     *,
-    camera: Camera | None = None,
+    camera: Camera | Framing | None = None,
     threads: int = 0,
     progress: ProgressCallback | bool | None = None,
     tree: str = "bvh",
@@ -100,26 +91,35 @@ def render(
 
     prepared = scene if isinstance(scene, Prepared) else prepare(scene)
     wanted = merged(prepared.scene.settings, settings)
-    view_camera = camera or prepared.scene.camera or framed(prepared.scene, wanted)
-    if tree not in ("bvh", "none"):
-        raise SceneError(unknown_name("tree", tree, ["bvh", "none"]))
+    seen = prepared.scene if camera is None else prepared.scene.replace(camera=camera)
+    view_camera = _plain(placed(seen, wanted.width / wanted.height))
+    for what, name, choices in (
+        ("tree", tree, ("bvh", "none")),
+        ("schedule", schedule, SCHEDULES),
+        ("instruction set", isa, ("", *_core.instruction_sets())),
+    ):
+        if name not in choices:
+            raise SceneError(unknown_name(what, name, filter(None, choices)))
+    if progress is not None and not isinstance(progress, bool) and not callable(progress):
+        raise SceneError(f"progress is {progress!r}; must be a function, True or None")
     count = _whole("threads", threads, 0, 4096) or machine.cores_available()
+    tile = _whole("tile", tile, 1, LARGEST_SIDE)
     view = make_view(prepared, view_camera, wanted, tree=tree == "bvh")
     x, y, width, height = wanted.crop or (0, 0, wanted.width, wanted.height)
+    _check_memory(width, height)
     try:
         film = _core.Film(x, y, width, height)
+        if progress is True:
+            from .progress import bar
+
+            with bar() as report:
+                stats = _passes(film, prepared, view, wanted, count, report, schedule, tile, isa)
+        else:
+            callback = progress if callable(progress) else None
+            stats = _passes(film, prepared, view, wanted, count, callback, schedule, tile, isa)
+        pixels, counts, bad = film.arrays()
     except MemoryError as error:
         raise ResourceError(f"not enough memory for a picture of {width}x{height}") from error
-
-    if progress is True:
-        from .progress import bar
-
-        with bar() as report:
-            stats = _passes(film, prepared, view, wanted, count, report, schedule, tile, isa)
-    else:
-        callback = progress if callable(progress) else None
-        stats = _passes(film, prepared, view, wanted, count, callback, schedule, tile, isa)
-    pixels, counts, bad = film.arrays()
     if bad.any():
         _report_bad(prepared, view, wanted, bad)
     return Image(pixels, counts, stats, wanted, view_camera, prepared.flat)
@@ -134,26 +134,33 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
     for name in changes:
         if name not in names:
             raise SceneError(unknown_name("setting", name, names))
+    if not isinstance(base, Settings):
+        raise SceneError(f"settings: Settings are needed, not {type(base).__name__}")
     changes = {name: value for name, value in changes.items() if value is not None}
+    if ("width" in changes) != ("height" in changes):
+        width, height = _side("width", base.width), _side("height", base.height)
+        if "width" in changes:
+            changes["height"] = max(1, round(_side("width", changes["width"]) * height / width))
+        else:
+            changes["width"] = max(1, round(_side("height", changes["height"]) * width / height))
     s = replace(base, **changes)
-    if "width" in changes and "height" not in changes:
-        height = _whole("width", s.width, 1, 65536) * base.height / base.width
-        s = replace(s, height=max(1, round(height)))
-    elif "height" in changes and "width" not in changes:
-        width = _whole("height", s.height, 1, 65536) * base.width / base.height
-        s = replace(s, width=max(1, round(width)))
+    if not isinstance(s.roulette, (bool, np.bool_)):
+        raise SceneError(f"roulette is {s.roulette!r}; must be True or False")
     s = replace(
         s,
-        width=_whole("width", s.width, 1, 65536),
-        height=_whole("height", s.height, 1, 65536),
+        width=_side("width", s.width),
+        height=_side("height", s.height),
         spp=_whole("spp", s.spp, 1, 2**31),
         max_depth=_whole("max_depth", s.max_depth, 1, 2**20),
         seed=_whole("seed", s.seed, 0, 2**64 - 1),
+        sampler=tables.entry("samplers", s.sampler).name,
+        filter=tables.entry("filters", s.filter).name,
+        filter_radius=_length("filter_radius", s.filter_radius),
         roulette=bool(s.roulette),
     )
     if s.crop is not None:
         try:
-            x, y, w, h = (_whole("crop", v, 0, 65536) for v in s.crop)
+            x, y, w, h = (_whole("crop", v, 0, LARGEST_SIDE) for v in s.crop)
         except (TypeError, ValueError) as error:
             if isinstance(error, SceneError):
                 raise
@@ -168,9 +175,10 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
 
 
 def make_view(prepared: Prepared, camera: Camera, settings: Settings, tree: bool = True) -> Any:
-    """The core's view of a camera and settings, checked."""
+    """The core's view of a camera and of settings as merged() returns them, checked."""
     from . import _core
 
+    camera = _plain(camera)
     if camera.fov is not None and camera.vfov is not None:
         raise SceneError("camera: give fov or vfov, not both")
     fov, vfov = camera.fov, camera.vfov
@@ -179,32 +187,54 @@ def make_view(prepared: Prepared, camera: Camera, settings: Settings, tree: bool
     for name, angle in (("fov", fov), ("vfov", vfov)):
         if angle is not None and not 0 < angle < 180:
             raise SceneError(f"camera: {name} is {angle}; must lie between 0 and 180 degrees")
-    if camera.focus_distance is not None and not camera.focus_distance > 0:
-        raise SceneError(f"camera: focus_distance is {camera.focus_distance}; must be > 0")
-    try:
-        return _core.make_view(
-            prepared.core,
-            eye=[float(v) for v in camera.eye],
-            target=[float(v) for v in camera.target],
-            up=[float(v) for v in camera.up],
-            fov=float(fov or 0.0),
-            vfov=float(vfov or 0.0),
-            aperture_radius=float(camera.aperture_radius),
-            focus_distance=float(camera.focus_distance or 0.0),
-            width=settings.width,
-            height=settings.height,
-            filter=settings.filter,
-            filter_radius=float(settings.filter_radius or 0.0),
-            sampler=settings.sampler,
-            seed=settings.seed,
-            max_depth=settings.max_depth,
-            roulette=settings.roulette,
-            tree=tree,
+    return _core.make_view(
+        prepared.core,
+        eye=camera.eye,
+        target=camera.target,
+        up=camera.up,
+        fov=fov or 0.0,
+        vfov=vfov or 0.0,
+        aperture_radius=camera.aperture_radius,
+        focus_distance=camera.focus_distance or 0.0,
+        width=settings.width,
+        height=settings.height,
+        filter=settings.filter,
+        filter_radius=settings.filter_radius or 0.0,
+        sampler=settings.sampler,
+        seed=settings.seed,
+        max_depth=settings.max_depth,
+        roulette=settings.roulette,
+        tree=tree,
+    )
+
+
+def _plain(camera: Any) -> Camera:
+    """The camera with Python's numbers in the place of arrays, as it is kept with the picture."""
+    if not isinstance(camera, Camera):
+        raise SceneError(f"camera: a Camera is needed, not {type(camera).__name__}")
+    fov, vfov = (
+        None if angle is None else _number(f"camera: {name}", angle)
+        for name, angle in (("fov", camera.fov), ("vfov", camera.vfov))
+    )
+    return Camera(
+        eye=_point("camera: eye", camera.eye),
+        target=_point("camera: target", camera.target),
+        up=_point("camera: up", camera.up),
+        fov=fov,
+        vfov=vfov,
+        aperture_radius=_number("camera: aperture_radius", camera.aperture_radius),
+        focus_distance=_length("camera: focus_distance", camera.focus_distance),
+    )
+
+
+def _check_memory(width: int, height: int) -> None:
+    """Raises ResourceError for a picture that would not fit; trying it could end the process."""
+    needed, free = width * height * PIXEL_BYTES, memory.available()
+    if free is not None and needed > free:
+        raise ResourceError(
+            f"not enough memory for a picture of {width}x{height}: it takes"
+            f" {needed / 2**30:.1f} GiB, and {free / 2**30:.1f} GiB are free; crop renders parts"
         )
-    except (TypeError, ValueError) as error:
-        if isinstance(error, SceneError):
-            raise
-        raise SceneError(f"camera or settings: {str(error).splitlines()[0]}") from error
 
 
 def _passes(
@@ -246,7 +276,7 @@ def _passes(
             done,
             last,
             threads=threads,
-            tile=_whole("tile", tile, 1, 65536),
+            tile=tile,
             schedule=schedule,
             isa=isa,
             tick=tick,
@@ -271,8 +301,6 @@ def _passes(
 
 def _report_bad(prepared: Prepared, view: Any, settings: Settings, bad: Any) -> None:
     """Says where samples were not finite, and finds the first one again."""
-    import numpy as np
-
     from . import _core
 
     row, column = (int(v[0]) for v in np.nonzero(bad))
@@ -307,3 +335,36 @@ def _whole(name: str, value: Any, low: int, high: int) -> int:
     if not low <= number <= high:
         raise SceneError(f"{name} is {number}; must lie in [{low}, {high}]")
     return number
+
+
+def _side(name: str, value: Any) -> int:
+    return _whole(name, value, 1, LARGEST_SIDE)
+
+
+def _number(name: str, value: Any) -> float:
+    try:
+        if not isinstance(value, (str, bytes)):
+            return float(value)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise SceneError(f"{name} is {value!r}; must be a number")
+
+
+def _length(name: str, value: Any) -> float | None:
+    """A number above 0, or None."""
+    if value is None:
+        return None
+    number = _number(name, value)
+    if not number > 0:
+        raise SceneError(f"{name} is {number}; must be > 0")
+    return number
+
+
+def _point(name: str, value: Any) -> Vec3:
+    try:
+        x, y, z = (_number(name, v) for v in value)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, SceneError):
+            raise
+        raise SceneError(f"{name} is {value!r}; must be three numbers") from error
+    return x, y, z

@@ -7,6 +7,7 @@ stopped by Ctrl-C, with what there was written.
 from __future__ import annotations
 
 import argparse
+import io
 import logging
 import os
 import sys
@@ -37,22 +38,37 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit code."""
     args = parser().parse_args(argv)
-    level = getattr(args, "log_level", "warning").upper()
-    logging.basicConfig(level=level, format="%(levelname)s: %(message)s", stream=sys.stderr)
+    logging.basicConfig(format="%(levelname)s: %(message)s", stream=sys.stderr)
+    level = "error" if getattr(args, "quiet", False) else getattr(args, "log_level", "warning")
+    logging.getLogger("parhelion").setLevel(level.upper())
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a name may hold what the terminal can not show
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         code: int = args.run(args)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # None: the process was started without one
+            sys.stdout.flush()
         return code
     except ParhelionError as error:
-        print(f"parhelion: error: {error}", file=sys.stderr)
-        return EXIT_MISTAKE
+        return _mistake(error)
     except MemoryError:
-        print("parhelion: error: not enough memory", file=sys.stderr)
-        return EXIT_MISTAKE
-    except BrokenPipeError:
-        # The reader of our output went away, as `| head` does; say nothing at exit either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _mistake("not enough memory")
+    except BrokenPipeError:  # the reader of our output went away, as `| head` does
+        _close_stdout()
         return 0
+    except OSError as error:
+        _close_stdout()
+        return _mistake(f"{error.filename or 'output'}: {error.strerror or error}")
     except KeyboardInterrupt:
         print("parhelion: stopped", file=sys.stderr)
         return EXIT_INTERRUPTED
+
+
+def _mistake(reason: object) -> int:
+    print(f"parhelion: error: {' '.join(str(reason).split())}", file=sys.stderr)
+    return EXIT_MISTAKE
+
+
+def _close_stdout() -> None:
+    """Sends what is still to be flushed nowhere, so that nothing is said about it at exit."""
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -38,7 +38,8 @@ def _scene(args: argparse.Namespace) -> str:
     from ..scene import Camera
 
     scene = options.load_scene(args)
-    prepared = prepare(scene)
+    with options.naming(args):
+        prepared = prepare(scene)
     stats = prepared.core.stats()
     low, high = bounds(scene)
     settings = scene.settings

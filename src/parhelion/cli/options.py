@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -72,6 +74,20 @@ def load_scene(args: argparse.Namespace) -> Scene:
     from ..io import load
 
     return load(args.scene, load_options(args))
+
+
+@contextmanager
+def naming(args: argparse.Namespace, start: str = "") -> Iterator[None]:
+    """Errors about the scene begin with its file; only those that begin with `start`, if given."""
+    from ..errors import SceneError
+
+    try:
+        yield
+    except SceneError as error:
+        text = str(error)
+        if args.scene is None or not text.startswith(start) or text.startswith(str(args.scene)):
+            raise
+        raise SceneError(f"{args.scene}: {text}") from error
 
 
 def _radius(text: str) -> float | str:

@@ -14,7 +14,7 @@ from . import options
 
 if TYPE_CHECKING:
     from ..image import Image
-    from ..renderer import Progress
+    from ..progress import Progress
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -68,8 +68,7 @@ def run(args: argparse.Namespace) -> int:
     from ..image import check_output
     from ..renderer import prepare, render
 
-    stem = Path(args.scene).name.split(".")[0] if args.scene else "weekend"
-    output = args.output or f"{stem}.png"
+    output = args.output if args.output is not None else f"{_stem(args.scene)}.png"
     check_output(output, args.bits)
     names = (
         "width",
@@ -84,9 +83,11 @@ def run(args: argparse.Namespace) -> int:
         "crop",
     )
     settings = {name: getattr(args, name) for name in names}
-    with ExitStack() as stack:
-        stop = stack.enter_context(_interrupts())
+    with options.naming(args):
         scene = prepare(options.load_scene(args))
+    # The camera can only be the file's own.
+    with options.naming(args, "camera:"), ExitStack() as stack:
+        stop = stack.enter_context(_interrupts())
         report = None
         if not args.quiet:
             from ..progress import bar
@@ -117,6 +118,16 @@ def run(args: argparse.Namespace) -> int:
     got = f"{most}" if least == most else f"{least} to {most}"
     print(f"parhelion: stopped; {output} has {got} of {wanted} samples per pixel", file=sys.stderr)
     return 130
+
+
+def _stem(scene: str | None) -> str:
+    """The scene's name without its ending, and without that of a compressed file."""
+    if scene is None:
+        return "weekend"
+    from ..io import COMPRESSED
+
+    name = Path(scene)
+    return Path(name.stem).stem if name.suffix.lower() in COMPRESSED else name.stem
 
 
 def _summary(image: Image) -> str:

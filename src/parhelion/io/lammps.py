@@ -148,7 +148,8 @@ def _particles(
     if axes[0] in ("xs", "xsu"):
         if box is None:
             raise SceneError(f"columns {' '.join(axes)} need ITEM: BOX BOUNDS, which is not there")
-        positions = positions @ box.vectors + box.origin
+        with np.errstate(invalid="ignore", over="ignore"):  # to be refused, by particle, below
+            positions = positions @ box.vectors + box.origin
     radii: NDArray[np.float64] | None = None
     for name, scale in (("radius", 1.0), ("diameter", 0.5)):
         values = columns.get(name)

@@ -1,0 +1,637 @@
+"""What a Python user touches: names, scenes from arrays, render() and its errors."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import parhelion as ph
+from conftest import REPOSITORY
+from parhelion import memory, renderer
+from parhelion.flatten import flatten
+from parhelion.framing import bounds
+from parhelion.renderer import Progress, merged
+from picture_tools import read_picture
+
+ONE = ph.Scene([ph.Spheres([[0, 0, 0]])])
+RED = ph.Material("diffuse", color=(0.8, 0.1, 0.1))
+BLUE = ph.Material("diffuse", color=(0.1, 0.1, 0.8))
+TINY = {"width": 16, "spp": 2}
+
+
+def same(a: ph.Scene | ph.Prepared, b: ph.Scene | ph.Prepared) -> bool:
+    """Whether two scenes look the same to the last bit."""
+    one, other = ph.render(a, **TINY), ph.render(b, **TINY)
+    return np.array_equal(one.numpy(), other.numpy())
+
+
+def script(code: str, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, **options
+    )
+
+
+# --- Names ---------------------------------------------------------------------------------------
+
+
+def test_import_is_cheap() -> None:
+    done = script(
+        "import sys, parhelion\n"
+        "dir(parhelion)\n"
+        "print(*{m.partition('.')[0] for m in sys.modules} & {'numpy', 'msgspec', 'rich',"
+        " 'matplotlib', 'OpenImageIO', 'chemfiles', 'gsd'})\n"
+        "print(*[m for m in sys.modules if m.startswith('parhelion')])\n"
+    )
+    assert done.stdout == "\nparhelion\n", done.stderr
+
+
+def test_dir_lists_every_name_once() -> None:
+    listed = dir(ph)
+    assert sorted(set(listed)) == listed
+    assert set(ph.__all__) <= set(listed)
+    for name in ph.__all__:
+        assert getattr(ph, name).__name__ == name
+
+
+def test_a_name_that_is_not_there() -> None:
+    with pytest.raises(AttributeError, match="module 'parhelion' has no attribute 'rendr'"):
+        ph.rendr  # noqa: B018
+    assert not hasattr(ph, "Sphere")
+
+
+# --- Scenes from arrays --------------------------------------------------------------------------
+
+CENTERS = [[0, 0, 0], [2, 0, 0], [0, 2, 0]]
+RADII = [1, 0.5, 0.25]
+READ_ONLY = np.array(CENTERS, float)
+READ_ONLY.flags.writeable = False
+
+
+@pytest.mark.parametrize(
+    "centers",
+    [
+        tuple(map(tuple, CENTERS)),
+        np.array(CENTERS, np.float16),
+        np.array(CENTERS, np.float32),
+        np.array(CENTERS, np.longdouble),
+        np.array(CENTERS, np.int8),
+        np.array(CENTERS, np.uint64),
+        np.array(CENTERS, ">f8"),
+        np.array(CENTERS, float, order="F"),
+        np.array(CENTERS * 2, float)[::2][[0, 2, 1]],
+        np.repeat(np.array(CENTERS, float), 2, axis=0)[::2],
+        np.array([[*c, 7] for c in CENTERS], float)[:, :3],
+        np.array(CENTERS, float)[::-1][::-1],
+        READ_ONLY,
+    ],
+)
+def test_centers_of_any_kind_of_number_and_layout(centers: object) -> None:
+    expected = ph.Scene([ph.Spheres(np.array(CENTERS, np.float64), np.array(RADII))])
+    assert same(ph.Scene([ph.Spheres(centers, RADII)]), expected)
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.uint8, np.int64])
+def test_a_single_radius_of_any_kind(kind: type) -> None:
+    expected = ph.Scene([ph.Spheres(CENTERS, 1.0)])
+    for radius in (kind(1), np.array(1, kind), np.ones(3, kind)):
+        assert same(ph.Scene([ph.Spheres(CENTERS, radius)]), expected)
+
+
+def test_unsigned_numbers_do_not_wrap_around() -> None:
+    scene = ph.Scene([ph.Spheres(np.zeros((1, 3), np.uint8), np.uint8(1))])
+    low, high = bounds(scene)
+    np.testing.assert_array_equal([low, high], [[-1, -1, -1], [1, 1, 1]])
+
+
+def test_arrays_are_left_as_they_were() -> None:
+    centers, radii = np.array(CENTERS, np.float32), np.array(RADII, np.float32)
+    copies = centers.copy(), radii.copy()
+    ph.render(ph.Scene([ph.Spheres(centers, radii)]), **TINY)
+    np.testing.assert_array_equal(centers, copies[0])
+    np.testing.assert_array_equal(radii, copies[1])
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "shapes",
+    [
+        [],
+        [ph.Spheres([])],
+        [ph.Spheres(np.zeros((0, 3)), np.zeros(0), colors=np.zeros((0, 3)))],
+        [ph.Spheres([], [], [], [])],
+        [ph.Spheres([], material="a")],
+    ],
+)
+def test_no_spheres_show_the_background(shapes: list) -> None:
+    sky = ph.Background("constant", radiance=(0.25, 0.5, 1))
+    image = ph.render(ph.Scene(shapes, {"a": RED}, background=sky), **TINY)
+    np.testing.assert_array_equal(image.numpy(), np.broadcast_to([0.25, 0.5, 1], (9, 16, 3)))
+
+
+def test_colors_replace_the_material_s_own() -> None:
+    x = np.array([[-1.5, 0, 0], [1.5, 0, 0]])
+    camera = ph.Camera(eye=(0, 0, 6))
+    two = [ph.Spheres(x[:1], material=RED), ph.Spheres(x[1:], material=BLUE)]
+    one = [ph.Spheres(x, colors=[RED.params["color"], BLUE.params["color"]])]
+    assert same(ph.Scene(two, camera=camera), ph.Scene(one, camera=camera))
+    pixels = ph.render(ph.Scene(one, camera=camera), width=32, height=18, spp=16).numpy()
+    left, right = pixels[9, 8], pixels[9, 24]
+    assert left[0] > 3 * left[2]
+    assert right[2] > 3 * right[0]
+
+
+def test_a_material_by_name_by_itself_and_by_index() -> None:
+    materials = {"red": RED, "blue": BLUE}
+    x = np.array([[-1.5, 0, 0], [1.5, 0, 0]])
+    ways = [
+        [ph.Spheres(x[:1], material="red"), ph.Spheres(x[1:], material="blue")],
+        [ph.Spheres(x[:1], material=RED), ph.Spheres(x[1:], material=BLUE)],
+        [ph.Spheres(x, material=[0, 1])],
+        [ph.Spheres(x, material=np.array([0, 1], np.uint8))],
+    ]
+    first, *others = (ph.Scene(shapes, materials) for shapes in ways)
+    for other in others:
+        assert same(first, other)
+    assert not same(first, ph.Scene([ph.Spheres(x, material=[1, 0])], materials))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("scene", "told"),
+    [
+        (5, "a Scene is needed, not int"),
+        (ph.Scene(ph.Spheres([[0, 0, 0]])), "shapes: a list is needed, not Spheres"),
+        (ph.Scene([5]), "shapes: Spheres are needed, not int"),
+        (ph.Scene(materials=[RED]), "materials: a dict is needed, not list"),
+        (ph.Scene(materials={"a": "red"}), "material 'a': a Material is needed, not 'red'"),
+        (ph.Scene(background="sky"), "background: a Background is needed, not 'sky'"),
+        (ph.Scene(settings=None), "settings: Settings are needed, not NoneType"),
+        (ph.Scene(settings=ph.Settings(width=0)), "width is 0; must lie in"),
+        (ph.Scene(settings=ph.Settings(height="9")), "height is '9'; must be a whole number"),
+        (ph.Scene(camera=(0, 0, 5)), "camera: a Camera or a Framing is needed"),
+        (
+            ph.Scene([ph.Spheres([[0, 0]], name="dots")]),
+            r"shape 'dots': centers has shape \(1, 2\)",
+        ),
+        (ph.Scene([ph.Spheres([0, 0, 0])]), r"centers has shape \(3,\); must be \(N, 3\)"),
+        (ph.Scene([ph.Spheres([[0, 0, 0], [1, 1]])]), "centers is not an array of numbers"),
+        (ph.Scene([ph.Spheres([["a", "b", "c"]])]), "centers is not an array of numbers"),
+        (ph.Scene([ph.Spheres([[1j, 0, 0]])]), "centers is not an array of numbers"),
+        (ph.Scene([ph.Spheres([[0, 0, 0]], [1, 2])]), r"radii has shape \(2,\); must be \(1,\)"),
+        (ph.Scene([ph.Spheres(CENTERS, [1, 1, -2])]), r"radii\[2\] is -2"),
+        (ph.Scene([ph.Spheres(CENTERS, 0)]), "is 0; a radius must be"),
+        (ph.Scene([ph.Spheres(CENTERS, [1, np.inf, 1])]), r"radii\[1\] is inf"),
+        (
+            ph.Scene([ph.Spheres([[0, 0, 0], [0, np.nan, 0]])]),
+            r"centers\[1\] is not finite: y = nan",
+        ),
+        (ph.Scene([ph.Spheres(CENTERS, colors=[[1, 0, 0]])]), r"colors has shape \(1, 3\)"),
+        (ph.Scene([ph.Spheres(CENTERS[:1], colors=[[0, -1, 0]])]), r"colors\[0\] is -1 in g"),
+        (ph.Scene([ph.Spheres(CENTERS[:1], colors=[[0, 0, 1e300]])]), r"colors\[0\] is inf in b"),
+        (ph.Scene([ph.Spheres(CENTERS, material="rd")], {"red": RED}), "did you mean 'red'"),
+        (ph.Scene([ph.Spheres(CENTERS, material=[0, 1, 0])], {"red": RED}), r"material\[1\] is 1"),
+        (
+            ph.Scene([ph.Spheres(CENTERS, material=[0, -1, 0])], {"red": RED}),
+            r"material\[1\] is -1",
+        ),
+        (ph.Scene([ph.Spheres(CENTERS, material=[0.0, 0, 0])], {"red": RED}), "not float64"),
+        (ph.Scene([ph.Spheres(CENTERS, material=[0])], {"red": RED}), r"material has shape \(1,\)"),
+        (ph.Scene([ph.Spheres(CENTERS, material=None)]), "material must be a name"),
+        (ph.Scene([ph.Spheres(CENTERS, material=ph.Material("mettal"))]), "did you mean 'metal'"),
+        (ph.Scene(materials={"a": ph.Material("metal", fuz=1)}), "did you mean 'fuzz'"),
+        (ph.Scene(materials={"a": ph.Material("metal", fuzz=2)}), "'fuzz' is 2; must lie in"),
+        (ph.Scene(background=ph.Background("gradient", up=(0, 0, 0))), "'up' is 0"),
+    ],
+)
+def test_a_scene_without_meaning(scene: object, told: str) -> None:
+    with pytest.raises(ph.SceneError, match=told):
+        ph.render(scene, **TINY)
+
+
+# --- render() ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"widht": 5}, "unknown setting 'widht'; did you mean 'width'"),
+        ({"width": 0}, "width is 0"),
+        ({"width": 70000}, r"width is 70000; must lie in \[1, 65536\]"),
+        ({"width": 64.0}, "width is 64.0; must be a whole number"),
+        ({"width": 1, "height": 10**30}, "height is 10*; must lie in"),
+        ({"spp": 0}, "spp is 0"),
+        ({"spp": "many"}, "spp is 'many'; must be a whole number"),
+        ({"max_depth": 0}, "max_depth is 0"),
+        ({"seed": -1}, "seed is -1"),
+        ({"seed": 2**64}, "seed is 18446744073709551616"),
+        ({"sampler": "sobel"}, "unknown sampler 'sobel'; did you mean 'sobol'"),
+        ({"sampler": 5}, "unknown sampler '5'"),
+        ({"filter": "gaussien"}, "unknown filter 'gaussien'; did you mean 'gaussian'"),
+        ({"filter_radius": 0}, "filter_radius is 0.0; must be > 0"),
+        ({"filter_radius": 100}, "filter_radius is 100"),
+        ({"filter_radius": "1"}, "filter_radius is '1'; must be a number"),
+        ({"roulette": "no"}, "roulette is 'no'; must be True or False"),
+        ({"crop": (0, 0, 17, 1)}, "crop 0,0,17,1 .* does not lie within the picture, 16x9"),
+        ({"crop": (0, 0, 1)}, "crop must be four numbers"),
+        ({"crop": 5}, "crop must be four numbers"),
+        ({"crop": (0, 0, 1, 1.5)}, "crop is 1.5; must be a whole number"),
+        ({"crop": (-1, 0, 1, 1)}, "crop is -1"),
+        ({"threads": -1}, "threads is -1"),
+        ({"threads": 1.5}, "threads is 1.5"),
+        ({"tile": 0}, "tile is 0"),
+        ({"tree": "bhv"}, "unknown tree 'bhv'; did you mean 'bvh'"),
+        ({"schedule": "dynmic"}, "unknown schedule 'dynmic'; did you mean 'dynamic'"),
+        ({"schedule": 5}, "unknown schedule '5'"),
+        ({"isa": "avx1024"}, "unknown instruction set 'avx1024'"),
+        ({"isa": None}, "unknown instruction set 'None'"),
+        ({"progress": 5}, "progress is 5; must be a function, True or None"),
+        ({"camera": "front"}, "camera: a Camera or a Framing is needed, not 'front'"),
+        ({"camera": ph.Camera(eye=(1, 2))}, r"camera: eye is \(1, 2\); must be three numbers"),
+        ({"camera": ph.Camera(eye=None)}, "camera: eye is None; must be three numbers"),
+        ({"camera": ph.Camera(up="xyz")}, "camera: up is 'x'; must be a number"),
+        ({"camera": ph.Camera(eye=(np.nan, 0, 0))}, "camera: eye is not finite"),
+        ({"camera": ph.Camera(eye=(0, 0, 0))}, "camera: eye and target are the same point"),
+        ({"camera": ph.Camera(up=(0, 0, 2))}, "camera: up is parallel"),
+        ({"camera": ph.Camera(fov=30, vfov=30)}, "camera: give fov or vfov, not both"),
+        ({"camera": ph.Camera(fov=180)}, "camera: fov is 180.0; must lie between 0 and 180"),
+        ({"camera": ph.Camera(vfov="wide")}, "camera: vfov is 'wide'; must be a number"),
+        ({"camera": ph.Camera(aperture_radius=-1)}, "camera: aperture_radius is -1"),
+        ({"camera": ph.Camera(aperture_radius=None)}, "aperture_radius is None; must be a number"),
+        ({"camera": ph.Camera(focus_distance=0)}, "camera: focus_distance is 0.0; must be > 0"),
+        (
+            {"camera": ph.Camera(focus_distance="near")},
+            "focus_distance is 'near'; must be a number",
+        ),
+    ],
+)
+def test_a_request_without_meaning(arguments: dict, told: str) -> None:
+    with pytest.raises(ph.SceneError, match=told):
+        ph.render(ONE, **(TINY | arguments))
+
+
+def test_settings_of_the_call_win_over_those_of_the_scene() -> None:
+    base = ph.Settings(width=100, height=50, spp=3, seed=9, crop=(0, 0, 10, 10))
+    assert merged(base, {}) == base
+    assert merged(base, {"spp": None, "crop": None}) == base
+    assert merged(base, {"spp": np.int64(5)}).spp == 5
+    wide = merged(base, {"width": 51})
+    assert (wide.width, wide.height) == (51, 26)
+    tall = merged(base, {"height": 100})
+    assert (tall.width, tall.height) == (200, 100)
+    both = merged(base, {"width": 30, "height": 30})
+    assert (both.width, both.height, both.seed) == (30, 30, 9)
+    assert merged(ph.Settings(width=1000, height=10), {"width": 20}).height == 1
+
+
+def test_a_crop_is_that_part_of_the_picture() -> None:
+    whole = ph.render(ph.weekend(), width=40, spp=2).numpy()
+    part = ph.render(ph.weekend(), width=40, spp=2, crop=(7, 3, 21, 11)).numpy()
+    np.testing.assert_array_equal(part, whole[3:14, 7:28])
+
+
+def test_a_prepared_scene_is_rendered_again_and_again() -> None:
+    scene = ph.weekend()
+    prepared = ph.prepare(scene)
+    assert prepared.scene is scene
+    assert same(prepared, scene)
+    other = ph.Camera(eye=(3, 9, 13))
+    np.testing.assert_array_equal(
+        ph.render(prepared, camera=other, **TINY).numpy(),
+        ph.render(scene, camera=other, **TINY).numpy(),
+    )
+    assert same(prepared, scene)
+
+
+def test_statistics_of_a_picture() -> None:
+    image = ph.render(ONE, width=16, height=9, spp=3, threads=2)
+    stats = image.stats
+    assert (image.numpy().shape, image.numpy().dtype) == ((9, 16, 3), np.float32)
+    assert image.counts.tolist() == [[3] * 16] * 9
+    assert stats.samples == 16 * 9 * 3
+    assert stats.rays >= stats.samples
+    assert stats.threads == 2
+    assert stats.complete
+    assert 0 < stats.seconds < 60
+
+
+@pytest.mark.parametrize(("width", "height"), [(64, 64), (448, 64), (64, 448), (64, 1), (1, 64)])
+@pytest.mark.parametrize("where", [(0, 0, 0), (500, -300, 20)])
+def test_no_camera_shows_all_of_the_scene(
+    width: int, height: int, where: tuple[int, int, int]
+) -> None:
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    light = ph.Material("emissive", radiance=(1, 1, 1))
+    dark = ph.Background("constant", radiance=(0, 0, 0))
+    scene = ph.Scene([ph.Spheres(corners * 2.0 + where, 0.5, light)], background=dark)
+    lit = ph.render(scene, width=width, height=height, spp=16, filter="box").numpy()[..., 0] > 0
+    rows, columns = np.flatnonzero(lit.any(axis=1)), np.flatnonzero(lit.any(axis=0))
+    assert rows.size
+    if min(width, height) > 1:
+        # within the picture, and not small in it
+        assert not any(edge.any() for edge in (lit[0], lit[-1], lit[:, 0], lit[:, -1]))
+        narrow = columns if width < height else rows
+        assert np.ptp(narrow) + 1 > 0.5 * min(width, height)
+    centre = np.array([rows[0] + rows[-1], columns[0] + columns[-1]]) / 2
+    assert np.all(np.abs(centre - (np.array([height, width]) - 1) / 2) <= 1)
+
+
+# --- Progress, stopping, threads -----------------------------------------------------------------
+
+
+def test_progress_is_told_in_order_to_the_end() -> None:
+    seen: list[Progress] = []
+    threads = set()
+
+    def progress(state: Progress) -> None:
+        seen.append(state)
+        threads.add(threading.get_ident())
+
+    image = ph.render(ph.weekend(), width=160, spp=32, progress=progress)
+    assert len(seen) >= 3
+    assert threads == {threading.get_ident()}
+    for name in ("samples", "rays", "seconds", "fraction"):
+        values = [getattr(state, name) for state in seen]
+        assert values == sorted(values)
+    assert seen[-1].samples == seen[-1].total_samples == image.stats.samples == 160 * 90 * 32
+    assert seen[-1].rays == image.stats.rays
+    assert seen[-1].fraction == 1
+    assert seen[0].fraction < 0.5
+
+
+def test_who_watches_does_not_change_a_bit(capsys: pytest.CaptureFixture[str]) -> None:
+    plain = ph.render(ph.weekend(), width=64, spp=20)
+    for progress in (True, False, lambda _: False):
+        watched = ph.render(ph.weekend(), width=64, spp=20, progress=progress)
+        np.testing.assert_array_equal(watched.numpy(), plain.numpy())
+    assert capsys.readouterr() == ("", "")  # no bar where there is no terminal
+
+
+def test_progress_can_stop_it() -> None:
+    image = ph.render(ph.weekend(), width=160, spp=10**8, progress=lambda p: p.seconds > 0.2)
+    assert not image.stats.complete
+    assert image.stats.seconds < 2
+    assert image.counts.min() >= 1
+    assert image.counts.sum() == image.stats.samples < 160 * 90 * 10**8
+    # each pixel is the mean of the samples it has
+    row, column = 45, 80
+    count = int(image.counts[row, column])
+    one = ph.render(ph.weekend(), width=160, spp=count, crop=(column, row, 1, 1))
+    np.testing.assert_array_equal(one.numpy()[0, 0], image.numpy()[row, column])
+
+
+def test_stopped_at_the_first_word_is_still_a_picture(tmp_path: Path) -> None:
+    image = ph.render(ph.weekend(), width=640, spp=4, progress=lambda _: True)
+    assert not image.stats.complete
+    assert np.isfinite(image.numpy()).all()
+    assert np.all(image.numpy()[image.counts == 0] == 0)
+    image.save(tmp_path / "a.png")
+
+
+def test_an_error_of_the_callback_comes_back() -> None:
+    class OwnError(Exception):
+        pass
+
+    def progress(state: Progress) -> None:
+        if state.seconds > 0.1:
+            raise OwnError("enough")
+
+    begin = time.monotonic()
+    with pytest.raises(OwnError, match="enough"):
+        ph.render(ph.weekend(), width=160, spp=10**8, progress=progress)
+    assert time.monotonic() - begin < 5
+    assert ph.render(ONE, **TINY).stats.complete
+
+
+@pytest.mark.parametrize("arguments", ["", ", tree='none', threads=1", ", progress=lambda p: None"])
+def test_ctrl_c_in_a_program(arguments: str) -> None:
+    done = script(
+        "import os, signal, threading, time\n"
+        "import parhelion as ph\n"
+        "def interrupt():\n"
+        "    global sent\n"
+        "    time.sleep(0.4)\n"
+        "    sent = time.monotonic()\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "scene = ph.prepare(ph.weekend())\n"
+        "threading.Thread(target=interrupt).start()\n"
+        "try:\n"
+        f"    ph.render(scene, width=160, spp=10**8{arguments})\n"
+        "except KeyboardInterrupt:\n"
+        "    print('interrupted', time.monotonic() - sent < 0.8)\n"
+        "print(ph.render(scene, width=16, spp=1).stats.complete)\n"
+    )
+    assert done.stdout == "interrupted True\nTrue\n", done.stderr
+
+
+def test_other_threads_run_while_it_renders() -> None:
+    laps: list[float] = []
+    over = threading.Event()
+
+    def run() -> None:
+        while not over.wait(0.005):
+            laps.append(time.monotonic())
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    begin = time.monotonic()
+    image = ph.render(ph.weekend(), width=240, spp=24, threads=1)
+    end = time.monotonic()
+    over.set()
+    thread.join()
+    within = [t for t in laps if begin < t < end]
+    assert image.stats.seconds > 0.2
+    # it could run some 200 times a second; were the lock held, only 20 times, between two looks
+    assert len(within) > 50 * image.stats.seconds
+
+
+def test_two_renderings_at_once_do_not_disturb_each_other() -> None:
+    scene = ph.prepare(ph.weekend())
+    expected = [ph.render(scene, width=96, spp=8, seed=seed).numpy() for seed in range(3)]
+    got: dict[int, np.ndarray] = {}
+
+    def work(seed: int) -> None:
+        got[seed] = ph.render(scene, width=96, spp=8, seed=seed, threads=2).numpy()
+
+    threads = [threading.Thread(target=work, args=(seed,)) for seed in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for seed in range(3):
+        np.testing.assert_array_equal(got[seed], expected[seed])
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+def test_a_forked_child_renders_too() -> None:
+    done = script(
+        "import os, parhelion as ph\n"
+        "scene = ph.weekend()\n"
+        "before = ph.render(scene, width=32, spp=2, threads=2).numpy().tobytes()\n"
+        "if os.fork() == 0:\n"
+        "    after = ph.render(scene, width=32, spp=2, threads=2).numpy().tobytes()\n"
+        "    os._exit(0 if after == before else 1)\n"
+        "print(os.wait()[1])\n"
+        "print(ph.render(scene, width=32, spp=2, threads=2).numpy().tobytes() == before)\n"
+    )
+    assert done.stdout == "0\nTrue\n", done.stderr
+
+
+# --- Memory --------------------------------------------------------------------------------------
+
+
+def test_a_picture_larger_than_memory_is_refused_before_any_is_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from parhelion import _core
+
+    def film(*_: int) -> None:
+        pytest.fail("memory was asked for")
+
+    monkeypatch.setattr(memory, "available", lambda: 2**30)
+    with monkeypatch.context() as patch:
+        patch.setattr(_core, "Film", film)
+        with pytest.raises(ph.ResourceError, match=r"65536x65536: it takes 304\.0 GiB, and 1\.0"):
+            ph.render(ONE, width=65536, height=65536, spp=1)
+    # a part of it fits
+    image = ph.render(ONE, width=65536, height=65536, spp=1, crop=(40000, 30000, 8, 8))
+    assert image.numpy().shape == (8, 8, 3)
+    monkeypatch.setattr(memory, "available", lambda: 8 * 8 * renderer.PIXEL_BYTES - 1)
+    with pytest.raises(ph.ResourceError, match="not enough memory"):
+        ph.render(ONE, width=8, height=8, spp=1)
+    monkeypatch.setattr(memory, "available", lambda: None)
+    ph.render(ONE, width=8, height=8, spp=1)
+
+
+def system(root: Path, files: dict[str, str]) -> Path:
+    for name, text in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text)
+    return root
+
+
+MEMINFO = "MemTotal:   9000 kB\nMemFree:   10 kB\nMemAvailable:    4000 kB\n"
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        ({}, None),
+        ({"proc/meminfo": MEMINFO}, 4000 * 1024),
+        (
+            {  # control groups, version 2: the one around it has the limit
+                "proc/meminfo": MEMINFO,
+                "proc/self/cgroup": "0::/outer/inner\n",
+                "sys/fs/cgroup/outer/inner/memory.max": "max\n",
+                "sys/fs/cgroup/outer/inner/memory.current": "500000\n",
+                "sys/fs/cgroup/outer/memory.max": "1000000\n",
+                "sys/fs/cgroup/outer/memory.current": "900000\n",
+                "sys/fs/cgroup/outer/memory.stat": "anon 7\ninactive_file 30000\n",
+            },
+            130000,
+        ),
+        (
+            {  # within a container: its own group is mounted as the root
+                "proc/meminfo": MEMINFO,
+                "proc/self/cgroup": "0::/docker/abc\n",
+                "sys/fs/cgroup/memory.max": "1000000\n",
+                "sys/fs/cgroup/memory.current": "1000001\n",
+            },
+            0,
+        ),
+        (
+            {  # version 1
+                "proc/meminfo": MEMINFO,
+                "proc/self/cgroup": "4:cpu,memory:/job\n1:cpuset:/\n0::/\n",
+                "sys/fs/cgroup/memory/job/memory.limit_in_bytes": "2000000\n",
+                "sys/fs/cgroup/memory/job/memory.usage_in_bytes": "500000\n",
+                "sys/fs/cgroup/memory/job/memory.stat": "total_inactive_file 100\n",
+                "sys/fs/cgroup/memory/memory.limit_in_bytes": "9223372036854771712\n",
+                "sys/fs/cgroup/memory/memory.usage_in_bytes": "9000000\n",
+            },
+            1500100,
+        ),
+    ],
+)
+def test_memory_that_may_be_taken(
+    tmp_path: Path, files: dict[str, str], expected: int | None
+) -> None:
+    assert memory.available(system(tmp_path, files)) == expected
+
+
+# --- The built-in scene, pickles, examples -------------------------------------------------------
+
+
+def test_the_weekend_scene_is_always_the_same() -> None:
+    flat = flatten(ph.weekend())
+    assert flat.sha256() == "7b811de8d3985aad1cbef606e226ae06667cc5e11169393e443b1dc34ab172d5"
+    assert flatten(ph.weekend(seed=2)).sha256() != flat.sha256()
+    groups = {group[0]: group for group in flat.groups}
+    small = np.concatenate([groups[name][1] for name in ("matte", "metal", "glass")])
+    assert 470 <= len(small) <= 490
+    large = np.concatenate([g[1] for name, g in groups.items() if name.startswith("large")])
+    assert len(large) == 3
+    distances = np.linalg.norm(small[:, None] - large, axis=2)
+    assert distances.min() > 1 + 0.2
+    names = [m.type for m in ph.weekend().materials.values()]
+    assert {"diffuse", "metal", "dielectric"} == set(names)
+
+
+@pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
+def test_scenes_and_pictures_survive_a_pickle(protocol: int) -> None:
+    scene = ph.weekend()
+    copy = pickle.loads(pickle.dumps(scene, protocol))
+    assert flatten(copy).sha256() == flatten(scene).sha256()
+    assert copy.materials == scene.materials
+    assert (copy.camera, copy.settings, copy.name) == (scene.camera, scene.settings, scene.name)
+    assert same(copy, scene)
+    image = ph.render(scene, **TINY)
+    again = pickle.loads(pickle.dumps(image, protocol))
+    np.testing.assert_array_equal(again.numpy(), image.numpy())
+    assert again.metadata().keys() == image.metadata().keys()
+
+
+def test_materials_are_values() -> None:
+    glass = ph.Material("dielectric", ior=1.5)
+    assert glass == ph.Material("dielectric", ior=1.5)
+    assert glass != ph.Material("dielectric", ior=1.6)
+    assert glass != ph.Background("dielectric", ior=1.5)
+    assert len({glass, ph.Material("dielectric", ior=1.5), RED}) == 2
+    assert ph.Material("diffuse", color=[1, 0, 0]) == ph.Material("diffuse", color=(1.0, 0, 0))
+    assert pickle.loads(pickle.dumps(glass)) == glass
+    assert repr(glass) == "Material('dielectric', ior=1.5)"
+    with pytest.raises(AttributeError, match="frozen"):
+        glass.type = "metal"
+    with pytest.raises(TypeError):
+        glass.params["ior"] = 2
+
+
+EXAMPLES = sorted((REPOSITORY / "examples").glob("*.py"))
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_examples_run(example: Path, tmp_path: Path) -> None:
+    assert len(example.read_text().splitlines()) < 60
+    done = subprocess.run(
+        [sys.executable, str(example), "--width", "32", "--spp", "4", "-o", "a.exr"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    pixels, _ = read_picture(tmp_path / "a.exr")
+    assert pixels.shape == (18, 32, 3)
+    assert np.isfinite(pixels).all()
+    assert pixels.std() > 0.05
+
+
+def test_there_are_examples() -> None:
+    assert {"numpy_cloud", "color_by_field", "hollow_glass"} <= {path.stem for path in EXAMPLES}

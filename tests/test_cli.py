@@ -1,0 +1,672 @@
+"""The commands render and info, as a user runs them."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import gzip
+import json
+import logging
+import os
+import pty
+import re
+import resource
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import parhelion as ph
+from parhelion import cli, tables
+from picture_tools import read_picture
+
+COMMAND = [sys.executable, "-m", "parhelion"]
+SMALL = ["--width", "32", "--spp", "1"]
+
+XYZ = "3\nwater\nO 0 0 0.1\nH 0 0.76 -0.47\nH 0 -0.76 -0.47\n"
+DUMP = """ITEM: TIMESTEP
+0
+ITEM: NUMBER OF ATOMS
+2
+ITEM: BOX BOUNDS pp pp pp
+0 4
+0 4
+0 4
+ITEM: ATOMS id type x y z
+1 1 1 1 1
+2 1 3 3 3
+"""
+
+
+def parhelion(*words: object, cwd: Path, **options: object) -> subprocess.CompletedProcess[str]:
+    """Runs the command as a process of its own."""
+    command = [*COMMAND, *map(str, words)]
+    return subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, timeout=60, check=False, **options
+    )
+
+
+@pytest.fixture(autouse=True)
+def _same_log_level() -> Iterator[None]:
+    logger = logging.getLogger("parhelion")
+    level = logger.level
+    yield
+    logger.setLevel(level)
+
+
+def scene_text(**changes: object) -> str:
+    scene = {
+        "parhelion": 1,
+        "shapes": [{"type": "spheres", "centers": [[0, 0, 0], [2, 0, 0]], "radii": [1, 0.5]}],
+    }
+    return json.dumps(scene | changes)
+
+
+# --- What a user asks for ------------------------------------------------------------------------
+
+
+def test_no_scene_renders_the_weekend_scene_and_says_so_on_stderr(tmp_path: Path) -> None:
+    done = parhelion("render", *SMALL, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, "")
+    speed = r"\(\S+ \w?samples/s, \S+ \w?rays/s, \d+ threads?, \w+\)"
+    line = rf"weekend\.png: 32x18, 1 spp in \S+ s {speed}\n"
+    assert re.fullmatch(line, done.stderr), done.stderr
+    assert os.listdir(tmp_path) == ["weekend.png"]
+    pixels, _ = read_picture(tmp_path / "weekend.png")
+    assert (pixels.shape, pixels.dtype) == ((18, 32, 3), np.uint8)
+    assert pixels.max() > 100
+
+
+@pytest.mark.parametrize("words", [["--quiet"], ["-q", "--log-level", "debug"]])
+def test_quiet_says_nothing_at_all(tmp_path: Path, words: list[str]) -> None:
+    done = parhelion("render", *SMALL, *words, "-o", "a.png", cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert (tmp_path / "a.png").exists()
+
+
+def test_debug_log_is_ours_alone(tmp_path: Path) -> None:
+    (tmp_path / "w.xyz").write_text(XYZ)
+    words = ["render", "w.xyz", *SMALL, "--color-by", "z", "--log-level", "debug"]
+    done = parhelion(*words, cwd=tmp_path)
+    assert done.returncode == 0
+    *log, summary = done.stderr.splitlines()
+    assert summary.startswith("w.png: ")
+    assert any("tree" in line or "nodes" in line for line in log)
+    assert not re.search("matplotlib|font", done.stderr)
+
+
+@pytest.mark.parametrize(
+    ("name", "bits", "dtype"),
+    [
+        ("a.png", [], np.uint8),
+        ("a.png", ["--bits", "16"], np.uint16),
+        ("a.PNG", [], np.uint8),
+        ("a.jpg", [], np.uint8),
+        ("a.jpeg", ["--bits", "8"], np.uint8),
+        ("a.exr", [], np.float32),
+        ("a.exr", ["--bits", "16"], np.float16),
+    ],
+)
+def test_the_ending_chooses_the_format(
+    tmp_path: Path, name: str, bits: list[str], dtype: type
+) -> None:
+    assert cli.main(["render", *SMALL, "-q", "-o", str(tmp_path / name), *bits]) == 0
+    pixels, _ = read_picture(tmp_path / name)
+    assert (pixels.shape, pixels.dtype) == ((18, 32, 3), dtype)
+
+
+@pytest.mark.parametrize(
+    ("words", "settings"),
+    [
+        ("--width 40", {"width": 40, "height": 22}),
+        ("--height 18", {"width": 32, "height": 18}),
+        ("--width 40 --height 40", {"width": 40, "height": 40}),
+        ("--spp 3", {"spp": 3}),
+        ("--samples 3", {"spp": 3}),
+        ("--max-depth 2", {"max_depth": 2}),
+        ("--seed 7", {"seed": 7}),
+        ("--sampler independent", {"sampler": "independent"}),
+        ("--filter box", {"filter": "box"}),
+        ("--filter-radius 4", {"filter_radius": 4.0}),
+        ("--spp 8 --no-roulette", {"spp": 8, "roulette": False}),
+        ("--crop 10,5,20,8", {"crop": (10, 5, 20, 8)}),
+    ],
+)
+def test_each_setting_acts(tmp_path: Path, words: str, settings: dict) -> None:
+    output = tmp_path / "a.exr"
+    words = words if "--width" in words or "--height" in words else "--width 48 " + words
+    words = words if "spp" in words or "samples" in words else "--spp 2 " + words
+    assert cli.main(["render", "-q", "-o", str(output), *words.split()]) == 0
+    pixels, attributes = read_picture(output)
+    base = {"width": 48, "height": 27, "spp": 2}
+    expected = ph.render(ph.weekend(), **(base | settings))
+    np.testing.assert_array_equal(pixels, expected.numpy())
+    used = json.loads(attributes["parhelion:settings"])
+    for name, value in settings.items():
+        assert used[name] == (list(value) if isinstance(value, tuple) else value)
+    preset = base | {"spp": settings.get("spp", 2)} | {"sampler": "sobol", "roulette": True}
+    if settings.keys() - {"width", "height", "spp"}:
+        assert not np.array_equal(pixels, ph.render(ph.weekend(), **preset).numpy())
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["--threads 1", "-t 3", "--tile 7", "--schedule static --threads 2", "--tree none"],
+)
+def test_how_the_work_is_done_does_not_change_a_bit(tmp_path: Path, words: str) -> None:
+    output = tmp_path / "a.exr"
+    line = ["render", "--width", "48", "--spp", "2", "-q", "-o", str(output), *words.split()]
+    assert cli.main(line) == 0
+    pixels, attributes = read_picture(output)
+    np.testing.assert_array_equal(pixels, ph.render(ph.weekend(), width=48, spp=2).numpy())
+    if "thread" in words or "-t " in words:
+        assert attributes["parhelion:threads"] == words.split()[-1]
+
+
+@pytest.mark.parametrize(
+    ("scene", "picture"),
+    [
+        ("water.xyz", "water.png"),
+        ("melt.1000.dump", "melt.1000.png"),
+        ("melt.1000.dump.gz", "melt.1000.png"),
+    ],
+)
+def test_the_picture_is_named_after_the_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, scene: str, picture: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = (XYZ if scene.endswith(".xyz") else DUMP).encode()
+    Path(scene).write_bytes(gzip.compress(text) if scene.endswith(".gz") else text)
+    assert cli.main(["render", scene, *SMALL, "-q"]) == 0
+    assert sorted(os.listdir()) == sorted([scene, picture])
+
+
+def test_an_empty_output_name_is_not_the_default(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["render", *SMALL, "-o", ""]) == 2
+    assert "picture ending" in capsys.readouterr().err
+    assert os.listdir() == []
+
+
+def test_version_and_help(tmp_path: Path) -> None:
+    done = parhelion("--version", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, f"parhelion {ph.__version__}\n")
+    done = parhelion("--help", cwd=tmp_path)
+    for name in ("render", "info", "study"):
+        assert re.search(rf"^ +{name} ", done.stdout, re.M), name
+
+
+@pytest.mark.parametrize("command", ["render", "info", "study"])
+def test_every_option_has_its_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        cli.main([command, "--help"])
+    text = capsys.readouterr().out
+    assert stop.value.code == 0
+    assert text.startswith(f"usage: parhelion {command}")
+    asked = {
+        "render": "--output --bits --width --height --spp --max-depth --threads --seed --sampler"
+        " --crop --quiet --log-level --color-by --colormap --radius --tree --schedule",
+        "info": "--materials",
+        "study": "--threads --widths --aspect --spp --scene --repeat --tree --sampler --schedule",
+    }
+    assert not set(asked[command].split()) - set(re.findall(r"--[a-z-]+", text))
+
+
+# --- info ----------------------------------------------------------------------------------------
+
+
+def test_info_of_a_scene_file(tmp_path: Path) -> None:
+    (tmp_path / "two.json").write_text(scene_text(settings={"width": 100, "height": 50, "spp": 3}))
+    done = parhelion("info", "two.json", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    text = done.stdout
+    assert re.search(r"^  spheres +2  ", text, re.M)
+    assert "bounds     (-1, -1, -1) to (2.5, 1, 1)" in text
+    assert "camera     automatic: eye" in text
+    assert "settings   100x50, 3 spp" in text
+    assert "0.27 MiB film" in text
+    assert re.search(r"^hash +[0-9a-f]{64}$", text, re.M)
+
+
+def test_info_of_particles_and_of_the_built_in_scene(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "water.xyz").write_text(XYZ)
+    assert cli.main(["info", str(tmp_path / "water.xyz")]) == 0
+    assert re.search(r"^  spheres +3  ", capsys.readouterr().out, re.M)
+    assert cli.main(["info"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("scene      weekend\n")
+    assert "bounds     (-1000, -2000, -1000) to (1000, 2, 1000)" in text
+
+
+def test_info_lists_every_material_and_parameter(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["info", "--materials"]) == 0
+    text = capsys.readouterr().out
+    for kind in ("materials", "backgrounds"):
+        for entry in tables.tables()[kind].values():
+            assert f"  {entry.name}: {entry.doc}\n" in text
+            for p in entry.params:
+                assert re.search(rf"    {p.name} = .*{re.escape(p.range())}", text)
+
+
+def test_info_shows_a_name_that_the_terminal_can_not(tmp_path: Path) -> None:
+    (tmp_path / "é.xyz").write_text(XYZ)
+    environment = os.environ | {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    done = parhelion("info", "é.xyz", cwd=tmp_path, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "xe9.xyz" in done.stdout
+
+
+def test_info_to_a_full_disk_and_to_nobody() -> None:
+    if not os.path.exists("/dev/full"):
+        pytest.skip("there is no /dev/full here")
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*COMMAND, "info"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
+        )
+    assert done.returncode == 2
+    assert re.fullmatch(r"parhelion: error: output: No space left on device\n", done.stderr)
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [*COMMAND, "info"], stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+# --- Stopping ------------------------------------------------------------------------------------
+
+ENDLESS = ["render", "--width", "160", "--spp", "100000000", "--log-level", "debug"]
+
+
+@contextlib.contextmanager
+def started(*words: object, cwd: Path) -> Iterator[subprocess.Popen[str]]:
+    """A running command; one that is still there at the end is killed."""
+    command = [*COMMAND, *map(str, words)]
+    process = subprocess.Popen(command, cwd=cwd, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def wait_for(process: subprocess.Popen[str], text: str) -> None:
+    assert process.stderr is not None
+    for line in process.stderr:
+        if text in line:
+            return
+    pytest.fail(f"the command ended without saying {text!r}")
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (signal.SIGINT, ""),
+        (signal.SIGTERM, ""),
+        (signal.SIGINT, "--threads 1"),
+        (signal.SIGINT, "--tree none --threads 3"),
+        (signal.SIGTERM, "--tree none --threads 1 --schedule static"),
+    ],
+)
+def test_a_signal_ends_it_within_a_second_with_what_there_is(
+    tmp_path: Path, number: int, words: str
+) -> None:
+    with started(*ENDLESS, "-o", "a.exr", *words.split(), cwd=tmp_path) as process:
+        wait_for(process, "nodes")  # the tree is built, the rendering begins
+        time.sleep(0.7)
+        assert process.poll() is None
+        begin = time.monotonic()
+        process.send_signal(number)
+        _, said = process.communicate(timeout=30)
+        seconds = time.monotonic() - begin
+    assert process.returncode == 130
+    assert seconds < 1.0
+    line = r"parhelion: stopped; a\.exr has (\d+)(?: to (\d+))? of 100000000 samples per pixel\n"
+    told = re.fullmatch(line, said)
+    assert told, said
+    assert int(told[1]) >= 1
+    pixels, attributes = read_picture(tmp_path / "a.exr")
+    assert os.listdir(tmp_path) == ["a.exr"]
+    assert attributes["parhelion:complete"] == "false"
+    samples = int(attributes["parhelion:samples"])
+    assert int(told[1]) * 160 * 90 <= samples <= int(told[2] or told[1]) * 160 * 90
+    # it is the picture it would have become, only noisier
+    expected = ph.render(ph.weekend(), width=160, spp=16).numpy()
+    assert np.isfinite(pixels).all()
+    assert np.mean(pixels > 0) > 0.97
+    np.testing.assert_allclose(pixels.mean((0, 1)), expected.mean((0, 1)), rtol=0.05)
+
+
+def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
+    # no one reads this pipe, so that writing the picture never ends
+    os.mkfifo(tmp_path / "a.png")
+    with started(*ENDLESS, "-o", "a.png", cwd=tmp_path) as process:
+        wait_for(process, "nodes")
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)
+        time.sleep(1.0)
+        assert process.poll() is None
+        begin = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+        assert time.monotonic() - begin < 1.0
+    assert process.returncode == 130
+    assert said == "parhelion: stopped\n"
+    assert os.listdir(tmp_path) == ["a.png"]
+
+
+def test_ctrl_c_while_a_scene_is_read(tmp_path: Path) -> None:
+    # no one writes to this pipe, so that reading the scene never ends
+    os.mkfifo(tmp_path / "scene.xyz")
+    (tmp_path / "a.png").write_bytes(b"old")
+    words = ["render", "scene.xyz", "-o", "a.png"]
+    with started(*words, cwd=tmp_path) as process:
+        time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert said == "parhelion: stopped\n"
+    assert (tmp_path / "a.png").read_bytes() == b"old"
+
+
+# --- The progress bar ----------------------------------------------------------------------------
+
+
+def test_a_terminal_sees_a_progress_bar(tmp_path: Path) -> None:
+    terminal, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 140, 0, 0))
+    hidden = {"NO_COLOR", "COLUMNS", "LINES", "TTY_COMPATIBLE", "TTY_INTERACTIVE"}
+    environment = {k: v for k, v in os.environ.items() if k not in hidden} | {"TERM": "xterm"}
+    words = ["render", "--width", "240", "--spp", "40", "-o", "a.png"]
+    process = subprocess.Popen(
+        [*COMMAND, *words], cwd=tmp_path, env=environment, stderr=theirs, stdin=theirs
+    )
+    os.close(theirs)
+    shown = b""
+    with contextlib.suppress(OSError):  # Linux's way to say that the other end is closed
+        while block := os.read(terminal, 65536):
+            shown += block
+    os.close(terminal)
+    assert process.wait(timeout=30) == 0
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.decode())
+    bar = r"rendering .*?(\d+)% +\S+ [kMG]?samples/s +\S+ [kMG]?rays/s +[-\d]+:[-\d]+:[-\d]+"
+    percents = [int(p) for p in re.findall(bar, text)]
+    assert len(percents) >= 3
+    assert percents == sorted(percents)
+    assert 0 < percents[-1] <= 100
+    assert re.search(r"a\.png: 240x135, 40 spp in ", text)
+
+
+# --- Bad input -----------------------------------------------------------------------------------
+
+
+def npz(path: Path, **arrays: object) -> None:
+    np.savez(path, **{name: np.asarray(a) for name, a in arrays.items()})
+
+
+def truncated_npz(path: Path) -> None:
+    npz(path, positions=np.zeros((1000, 3)))
+    path.write_bytes(path.read_bytes()[:9000])
+
+
+def huge_npz(path: Path) -> None:
+    # a header that promises 2.4e16 bytes
+    npz(path, positions=np.zeros((10, 3)))
+    text = path.read_bytes()
+    assert text.count(b"(10, 3)") == 1
+    path.write_bytes(text.replace(b"(10, 3), }         ", b"(999999999999999, 3), }"[:19], 1))
+
+
+def text(content: str | bytes) -> Callable[[Path], None]:
+    data = content.encode() if isinstance(content, str) else content
+    return lambda path: path.write_bytes(data) and None
+
+
+def spheres(**changes: object) -> str:
+    return scene_text(shapes=[{"type": "spheres", "centers": [[0, 0, 0]]} | changes])
+
+
+BAD_FILES: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "missing": ("a.json", lambda _: None),
+    "missing particles": ("a.xyz", lambda _: None),
+    "folder": ("a.json", Path.mkdir),
+    "unknown ending": ("a.blend", text("x")),
+    "no ending": ("a", text("x")),
+    "json empty": ("a.json", text("")),
+    "json truncated": ("a.json", text(scene_text()[:-20])),
+    "json not UTF-8": ("a.json", text(b'{"parhelion": 1, "name": "\xff\xfe"}')),
+    "json binary": ("a.json", text(bytes(range(256)) * 40)),
+    "json list": ("a.json", text("[1, 2]")),
+    "json wrong type": ("a.json", text(spheres(radii="large"))),
+    "json NaN": ("a.json", text(spheres(centers=[[0, 0, float("nan")]]))),
+    "json infinite": ("a.json", text(spheres(centers=[[0, 0, 1]]).replace("0, 1]", "0, 1e999]"))),
+    "json negative radius": ("a.json", text(spheres(radii=-1))),
+    "json unknown key": ("a.json", text(spheres(radius=1))),
+    "json unknown material": ("a.json", text(spheres(material="glss"))),
+    "json huge integer": ("a.json", text(scene_text(settings={"width": 10**30}))),
+    "json deep": ("a.json", text("[" * 100000)),
+    "xyz empty": ("a.xyz", text("")),
+    "xyz truncated": ("a.xyz", text(XYZ[:30])),
+    "xyz not UTF-8": ("a.xyz", text(b"1\n\n\xff\xfe\x00 0 0 0\n")),
+    "xyz wrong type": ("a.xyz", text("1\n\nO 0 zero 0\n")),
+    "xyz NaN": ("a.xyz", text("1\n\nO 0 nan 0\n")),
+    "xyz infinite": ("a.xyz", text("1\n\nO 0 inf 0\n")),
+    "xyz huge count": ("a.xyz", text("999999999999\n\nO 0 0 0\n")),
+    "xyz negative count": ("a.xyz", text("-3\n\nO 0 0 0\n")),
+    "xyz negative radius": (
+        "a.xyz",
+        text("1\nProperties=species:S:1:pos:R:3:radius:R:1\nO 0 0 0 -1\n"),
+    ),
+    "gz truncated": ("a.xyz.gz", lambda path: path.write_bytes(gzip.compress(XYZ.encode())[:-12])),
+    "gz not packed": ("a.xyz.gz", text(XYZ)),
+    "dump empty": ("a.dump", text("")),
+    "dump truncated": ("a.dump", text(DUMP[:-10])),
+    "dump wrong type": ("a.dump", text(DUMP.replace("1 1 1 1 1", "1 1 x y z"))),
+    "dump NaN": ("a.dump", text(DUMP.replace("3 3 3", "3 nan 3"))),
+    "dump huge count": ("a.dump", text(DUMP.replace("ATOMS\n2", "ATOMS\n99999999999999"))),
+    "dump not UTF-8": ("a.dump", text(DUMP.encode().replace(b"TIMESTEP", b"\xff\xfe"))),
+    "npz empty": ("a.npz", text("")),
+    "npz no archive": ("a.npz", text("PK\x03\x04 and no more")),
+    "npz truncated": ("a.npz", truncated_npz),
+    "npz huge count": ("a.npz", huge_npz),
+    "npz without positions": ("a.npz", lambda path: npz(path, charge=[1.0])),
+    "npz wrong type": ("a.npz", lambda path: npz(path, positions=[["a", "b", "c"]])),
+    "npz NaN": ("a.npz", lambda path: npz(path, positions=[[0, 0, np.nan]])),
+    "npz infinite": ("a.npz", lambda path: npz(path, positions=[[0, np.inf, 0]])),
+    "npz negative radius": (
+        "a.npz",
+        lambda path: npz(path, positions=[[0.0, 0, 0]], radius=[-1.0]),
+    ),
+    "npz wrong shape": ("a.npz", lambda path: npz(path, positions=np.zeros((2, 2)))),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_a_bad_file_is_one_clear_error(
+    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name, make = BAD_FILES[case]
+    make(tmp_path / name)
+    (tmp_path / "out.png").write_bytes(b"the old picture")
+    before = sorted(os.listdir())
+    for command in (["render", name, *SMALL, "-o", "out.png"], ["info", name]):
+        assert cli.main(command) == 2, case
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert re.fullmatch(rf"parhelion: error: .*{re.escape(name)}.*\n", said.err), said.err
+        assert len(said.err) < 700
+    assert sorted(os.listdir()) == before
+    assert (tmp_path / "out.png").read_bytes() == b"the old picture"
+
+
+def test_a_camera_without_direction(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = tmp_path / "a.json"
+    scene.write_text(scene_text(camera={"eye": [0, 0, 0], "target": [0, 0, 0]}))
+    assert cli.main(["render", str(scene), *SMALL, "-o", str(tmp_path / "a.png")]) == 2
+    said = f"parhelion: error: {scene}: camera: eye and target are the same point\n"
+    assert capsys.readouterr().err == said
+    assert os.listdir(tmp_path) == ["a.json"]
+
+
+@pytest.mark.parametrize("case", ["json truncated", "npz huge count", "xyz NaN", "dump not UTF-8"])
+def test_a_bad_file_in_a_process_of_its_own(case: str, tmp_path: Path) -> None:
+    name, make = BAD_FILES[case]
+    make(tmp_path / name)
+    done = parhelion("render", name, *SMALL, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(rf"parhelion: error: {re.escape(name)}.*\n", done.stderr), done.stderr
+    assert os.listdir(tmp_path) == [name]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--width 0", "width is 0"),
+        ("--width 70000", "width is 70000; must lie in"),
+        ("--height -5", "height is -5"),
+        ("--width 999999999999999999999999", "must lie in"),
+        ("--spp 0", "spp is 0"),
+        ("--max-depth 0", "max_depth is 0"),
+        ("--seed -1", "seed is -1"),
+        ("--threads -2", "threads is -2"),
+        ("--threads 1000000", "threads is 1000000"),
+        ("--tile 0", "tile is 0"),
+        ("--sampler sobel", "did you mean 'sobol'"),
+        ("--filter gausian", "did you mean 'gaussian'"),
+        ("--filter-radius 0", "filter_radius is 0"),
+        ("--filter-radius nan", "filter_radius is nan"),
+        ("--schedule dynmic", "did you mean 'dynamic'"),
+        ("--tree oct", "unknown tree 'oct'"),
+        ("--crop 0,0,64,1", "crop 0,0,64,1"),
+        ("--crop 0,0,0,0", "does not lie within the picture, 32x18"),
+        ("--bits 12", "cannot hold 12 bits"),
+        ("-o a.tiff", "unknown picture ending '.tiff'"),
+        ("-o picture", "unknown picture ending ''"),
+        ("-o " + 300 * "a" + ".png", "File name too long"),
+        ("-o no/such/folder.png", "there is no folder"),
+        (300 * "a" + ".xyz", "File name too long"),
+    ],
+)
+def test_a_request_without_meaning(
+    words: str,
+    told: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["render", "-o", "a.png", *SMALL, *words.split()]) == 2
+    said = capsys.readouterr().err
+    assert re.fullmatch(r"parhelion: error: .*\n", said)
+    assert told in said
+    assert os.listdir() == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "",
+        "rendr",
+        "render --width wide",
+        "render --spp 1.5",
+        "render --crop 1,2,3",
+        "render --crop 1,2,3,x",
+        "render --log-level loud",
+        "render --radius big",
+        "render --colour-by z",
+        "render a.json b.json",
+        "info --width 3",
+    ],
+)
+def test_a_command_line_that_can_not_be_parsed(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(words.split())
+    assert stop.value.code == 2
+    said = capsys.readouterr().err
+    assert said.startswith("usage: parhelion")
+    assert re.match(r"parhelion( \w+)?: error: ", said.splitlines()[-1])
+    assert said.count("error: ") == 1
+
+
+# --- Output that can not be written --------------------------------------------------------------
+
+
+def test_output_is_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "a.png").mkdir()
+    done = parhelion("render", *SMALL, "-o", "a.png", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "parhelion: error: a.png: is a folder\n"
+
+
+def test_output_folder_without_permission(tmp_path: Path) -> None:
+    if os.geteuid() == 0:
+        pytest.skip("the superuser may write anywhere")
+    folder = tmp_path / "locked"
+    folder.mkdir()
+    (folder / "a.png").write_bytes(b"old")
+    folder.chmod(0o555)
+    try:
+        done = parhelion("render", *SMALL, "-o", "locked/a.png", cwd=tmp_path)
+    finally:
+        folder.chmod(0o755)
+    assert done.returncode == 2
+    assert re.fullmatch(r"parhelion: error: locked/a\.png: no permission .*\n", done.stderr)
+    assert (folder / "a.png").read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg", "exr"])
+def test_a_full_device(tmp_path: Path, ending: str) -> None:
+    if not os.path.exists("/dev/full"):
+        pytest.skip("there is no /dev/full here")
+    (tmp_path / f"a.{ending}").symlink_to("/dev/full")
+    done = parhelion("render", *SMALL, "-o", f"a.{ending}", cwd=tmp_path)
+    assert done.returncode == 2
+    reason = "cannot be written: No space left on device"
+    assert done.stderr == f"parhelion: error: a.{ending}: {reason}\n"
+    assert os.listdir(tmp_path) == [f"a.{ending}"]
+    assert os.readlink(tmp_path / f"a.{ending}") == "/dev/full"
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg", "exr"])
+def test_no_room_for_the_picture_leaves_the_old_one_whole(tmp_path: Path, ending: str) -> None:
+    # a limit on the size of files is the full disk that needs no privileges
+    old = tmp_path / f"a.{ending}"
+    old.write_bytes(b"the old picture")
+    done = parhelion(
+        *["render", "--width", "160", "--spp", "1", "-o", old.name],
+        cwd=tmp_path,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000)),
+    )
+    assert done.returncode == 2
+    reason = "cannot be written: File too large"
+    assert done.stderr == f"parhelion: error: a.{ending}: {reason}\n"
+    assert old.read_bytes() == b"the old picture"
+    assert os.listdir(tmp_path) == [old.name]
+
+
+def test_a_picture_larger_than_memory(tmp_path: Path) -> None:
+    # the limit keeps this from being tried on a machine that could
+    done = parhelion(
+        *["render", "--width", "65536", "--height", "65536", "--spp", "1", "-o", "a.png"],
+        cwd=tmp_path,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (2**33, 2**33)),
+    )
+    assert done.returncode == 2
+    said = r"parhelion: error: not enough memory for a picture of 65536x65536.*\n"
+    assert re.fullmatch(said, done.stderr), done.stderr
+    assert os.listdir(tmp_path) == []

@@ -1,0 +1,390 @@
+"""Pictures: how pixels are encoded, what is written beside them, and that files stay whole."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import stat
+from dataclasses import replace
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import parhelion as ph
+from parhelion import atomic
+from parhelion.flatten import flatten
+from parhelion.image import encoded, largest_file, srgb_encoded
+from picture_tools import read_picture
+
+ENDINGS = ["png", "jpg", "exr"]
+
+
+@pytest.fixture(scope="module")
+def image() -> ph.Image:
+    return ph.render(ph.weekend(), width=48, spp=2, seed=5, threads=2)
+
+
+def painted(image: ph.Image, pixels: object) -> ph.Image:
+    """The same picture with other pixels."""
+    array = np.asarray(pixels, dtype=np.float32)
+    return replace(image, pixels=array, counts=np.ones(array.shape[:2], np.uint32))
+
+
+# --- Encoding ------------------------------------------------------------------------------------
+
+
+def test_srgb_is_the_standard_s_formula() -> None:
+    # IEC 61966-2-1, in double precision
+    x = np.concatenate([np.linspace(0, 1, 5001), np.geomspace(1e-6, 1, 500), [0.0031308]])
+    expected = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    got = srgb_encoded(x.astype(np.float32))
+    assert got.dtype == np.float32
+    np.testing.assert_allclose(got, expected, atol=2e-7)
+
+
+def test_srgb_cuts_what_a_screen_can_not_show() -> None:
+    x = np.array([-np.inf, -1, -0.0, 1.0001, 1e30, np.inf, np.nan], np.float32)
+    with np.errstate(all="raise"):
+        np.testing.assert_allclose(srgb_encoded(x), [0, 0, 0, 1, 1, 1, 0], atol=1e-7)
+
+
+@pytest.mark.parametrize(("bits", "dtype"), [(8, np.uint8), (16, np.uint16)])
+def test_stored_numbers_are_rounded_to_the_nearest(image: ph.Image, bits: int, dtype: type) -> None:
+    x = np.linspace(0, 1, 3 * 4096).reshape(64, 64, 3)
+    stored = painted(image, x).srgb(bits)
+    assert stored.dtype == dtype
+    top = 2**bits - 1
+    exact = top * np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    # half a step, and the error of single precision
+    assert np.max(np.abs(stored - exact)) < 0.5 + top * 3e-7
+    assert (stored.min(), stored.max()) == (0, top)
+    assert len(np.unique(stored[..., 0])) > 0.6 * min(top, 4096)
+
+
+# --- Files hold what the picture holds -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_png_holds_the_srgb_numbers(image: ph.Image, tmp_path: Path, bits: int) -> None:
+    image.save(tmp_path / "a.png", bits=bits)
+    pixels, _ = read_picture(tmp_path / "a.png")
+    np.testing.assert_array_equal(pixels, image.srgb(bits))
+
+
+def test_jpeg_is_near_the_srgb_numbers(image: ph.Image, tmp_path: Path) -> None:
+    ramp = np.linspace(0, 1, 64)[None, :, None] * np.array([1, 0.5, 0.25])
+    picture = painted(image, np.repeat(ramp, 32, axis=0))
+    picture.save(tmp_path / "a.jpg")
+    pixels, _ = read_picture(tmp_path / "a.jpg")
+    assert np.mean(np.abs(pixels.astype(int) - picture.srgb())) < 3
+
+
+def test_exr_holds_single_precision_exactly(image: ph.Image, tmp_path: Path) -> None:
+    wide = np.float32([1e-40, 1e-30, 0.1, 1, 70000, 3e38])
+    picture = painted(image, np.stack([wide, wide[::-1], wide * 0.5], axis=-1)[None])
+    picture.save(tmp_path / "a.exr")
+    pixels, attributes = read_picture(tmp_path / "a.exr")
+    assert pixels.dtype == np.float32
+    np.testing.assert_array_equal(pixels, picture.numpy())
+    assert attributes["oiio:ColorSpace"] == "lin_rec709_scene"
+
+
+@pytest.mark.filterwarnings("error")
+def test_exr_of_16_bits_is_rounded_and_never_infinite(image: ph.Image, tmp_path: Path) -> None:
+    x = np.float32([[[0.1, 1 / 3, 2000.5], [65504, 65519, 1e6], [3e38, 0, 6e-8]]])
+    painted(image, x).save(tmp_path / "a.exr", bits=16)
+    pixels, _ = read_picture(tmp_path / "a.exr")
+    assert pixels.dtype == np.float16
+    np.testing.assert_array_equal(pixels, np.minimum(x, 65504).astype(np.float16))
+
+
+def test_numbers_that_are_not_finite_survive_where_a_file_can_hold_them(
+    image: ph.Image, tmp_path: Path
+) -> None:
+    picture = painted(image, [[[np.nan, np.inf, 1], [0.5, 0.5, 0.5]]])
+    picture.save(tmp_path / "a.exr")
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.exr")[0], picture.numpy())
+    picture.save(tmp_path / "a.png")
+    pixels, _ = read_picture(tmp_path / "a.png")
+    np.testing.assert_array_equal(pixels, [[[0, 255, 255], [188, 188, 188]]])
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 7), (9, 1)])
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_the_smallest_pictures(
+    image: ph.Image, tmp_path: Path, ending: str, size: tuple[int, int]
+) -> None:
+    picture = painted(image, np.full((*size, 3), 0.25))
+    picture.save(tmp_path / f"a.{ending}")
+    assert read_picture(tmp_path / f"a.{ending}")[0].shape == (*size, 3)
+
+
+@pytest.mark.parametrize(
+    ("ending", "dtype"),
+    [
+        ("png", np.uint8),
+        ("png", np.uint16),
+        ("jpg", np.uint8),
+        ("exr", np.float32),
+        ("exr", np.float16),
+    ],
+)
+def test_noise_that_can_not_be_compressed(tmp_path: Path, ending: str, dtype: type) -> None:
+    # whether a file of this size may be written is found out before the writer begins
+    size = np.dtype(dtype).itemsize
+    noise = np.random.default_rng(3).bytes(400 * 300 * 3 * size)
+    data = np.frombuffer(noise, dtype).reshape(300, 400, 3)
+    metadata = {"key": "value" * 1000}
+    content = encoded(data, metadata, f".{ending}")
+    assert len(content) <= largest_file(data, metadata)
+    (tmp_path / f"a.{ending}").write_bytes(content)
+    pixels, _ = read_picture(tmp_path / f"a.{ending}")
+    if ending == "jpg":
+        assert np.corrcoef(pixels.ravel(), data.ravel())[0, 1] > 0.5
+    else:
+        assert pixels.tobytes() == noise
+
+
+def test_a_notebook_gets_a_png(image: ph.Image, tmp_path: Path) -> None:
+    content = image._repr_png_()
+    assert content.startswith(b"\x89PNG\r\n\x1a\n")
+    (tmp_path / "a.png").write_bytes(content)
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.png")[0], image.srgb())
+
+
+# --- Metadata ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_metadata(image: ph.Image, tmp_path: Path, ending: str) -> None:
+    image.save(tmp_path / f"a.{ending}")
+    _, attributes = read_picture(tmp_path / f"a.{ending}")
+    told = json.loads(attributes["ImageDescription"])
+    if ending != "jpg":  # JPEG has room for the description alone
+        for key, value in told.items():
+            assert attributes[key] == value, key
+    assert attributes["Software"] == f"Parhelion {ph.__version__}"
+    assert told["parhelion:version"] == ph.__version__
+    assert told["parhelion:scene"] == flatten(ph.weekend()).sha256()
+    assert told["parhelion:seed"] == "5"
+    assert told["parhelion:spp"] == "2"
+    assert told["parhelion:samples"] == str(48 * 27 * 2)
+    assert told["parhelion:complete"] == "true"
+    assert told["parhelion:threads"] == "2"
+    assert float(told["parhelion:seconds"]) == pytest.approx(image.stats.seconds, abs=6e-4)
+    age = datetime.now(timezone.utc) - datetime.fromisoformat(told["parhelion:time"])
+    assert timedelta(seconds=-1) <= age < timedelta(minutes=5)
+    camera = json.loads(told["parhelion:camera"])
+    assert camera == {
+        "eye": [13, 2, 3],
+        "target": [0, 0, 0],
+        "up": [0, 1, 0],
+        "fov": None,
+        "vfov": 20,
+        "aperture_radius": 0.0523604,
+        "focus_distance": 10,
+    }
+    settings = json.loads(told["parhelion:settings"])
+    assert (settings["width"], settings["height"], settings["sampler"]) == (48, 27, "sobol")
+
+
+def test_the_metadata_make_the_same_picture_again(tmp_path: Path) -> None:
+    scene = ph.weekend().replace(camera=None)
+    first = ph.render(scene, width=40, spp=3, filter_radius=np.float32(1.25), crop=[3, 2, 30, 9])
+    first.save(tmp_path / "a.exr")
+    pixels, told = read_picture(tmp_path / "a.exr")
+    camera = ph.Camera(**json.loads(told["parhelion:camera"]))
+    again = ph.render(scene, camera=camera, **json.loads(told["parhelion:settings"]))
+    np.testing.assert_array_equal(again.numpy(), pixels)
+
+
+def test_arrays_in_a_camera_are_written_too(tmp_path: Path) -> None:
+    camera = ph.Camera(eye=np.array([0, 0, 4], np.float32), vfov=np.float64(30))
+    ph.render(ph.weekend(), camera=camera, width=8, spp=1).save(tmp_path / "a.png")
+    _, told = read_picture(tmp_path / "a.png")
+    assert json.loads(told["parhelion:camera"])["eye"] == [0, 0, 4]
+
+
+SPHERES = ph.Spheres([[0, 0, 0], [3, 0, 0]], [1.0, 2.0], "a", [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
+SEEN = ph.Scene(
+    [SPHERES],
+    {"a": ph.Material("metal", fuzz=0.5), "b": ph.Material("diffuse")},
+    background=ph.Background("gradient", zenith=(0.1, 0.2, 0.3)),
+)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        SEEN.replace(shapes=[replace(SPHERES, centers=[[0, 0, 0], [3, 0, 1e-7]])]),
+        SEEN.replace(shapes=[replace(SPHERES, centers=[[3, 0, 0], [0, 0, 0]])]),
+        SEEN.replace(shapes=[replace(SPHERES, radii=[1.0, 2.5])]),
+        SEEN.replace(shapes=[replace(SPHERES, radii=1.0)]),
+        SEEN.replace(shapes=[replace(SPHERES, material="b")]),
+        SEEN.replace(shapes=[replace(SPHERES, material=[0, 1])]),
+        SEEN.replace(shapes=[replace(SPHERES, colors=None)]),
+        SEEN.replace(shapes=[replace(SPHERES, colors=np.full((2, 3), 0.5))]),
+        SEEN.replace(shapes=[SPHERES, SPHERES]),
+        SEEN.replace(shapes=[]),
+        SEEN.replace(materials=SEEN.materials | {"a": ph.Material("metal", fuzz=0.25)}),
+        SEEN.replace(materials=SEEN.materials | {"a": ph.Material("dielectric")}),
+        SEEN.replace(background=ph.Background("gradient", zenith=(0.1, 0.2, 0.4))),
+        SEEN.replace(background=ph.Background("constant")),
+    ],
+)
+def test_the_scene_hash_tells_what_is_seen_apart(other: ph.Scene) -> None:
+    assert flatten(other).sha256() != flatten(SEEN).sha256()
+
+
+@pytest.mark.parametrize(
+    "same",
+    [
+        SEEN.replace(camera=ph.Camera(eye=(9, 9, 9))),
+        SEEN.replace(settings=ph.Settings(width=7, seed=8)),
+        SEEN.replace(name="another name"),
+        SEEN.replace(shapes=[replace(SPHERES, centers=np.array(SPHERES.centers, float))]),
+        SEEN.replace(shapes=(replace(SPHERES, radii=np.array([1, 2], np.int8)),)),
+    ],
+)
+def test_the_scene_hash_looks_at_nothing_else(same: ph.Scene) -> None:
+    assert flatten(same).sha256() == flatten(SEEN).sha256()
+
+
+# --- Files stay whole ----------------------------------------------------------------------------
+
+
+def full(*_: object, **__: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize(
+    "broken", [(Path, "write_bytes"), (os, "replace"), (os, "fsync"), (os, "chmod")]
+)
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_the_old_file_is_whole_when_writing_fails(
+    image: ph.Image,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    ending: str,
+    broken: tuple[object, str],
+) -> None:
+    file = tmp_path / f"a.{ending}"
+    image.save(file)
+    before = file.read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr(*broken, full)
+        with pytest.raises(ph.ResourceError, match="cannot be written: No space left") as error:
+            image.save(file)
+    assert str(error.value).startswith(str(file))
+    assert file.read_bytes() == before
+    assert os.listdir(tmp_path) == [file.name]
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_the_writer_s_own_failure_is_told(
+    image: ph.Image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
+) -> None:
+    import OpenImageIO as oiio
+
+    file = tmp_path / f"a.{ending}"
+    file.write_bytes(b"old")
+    monkeypatch.setattr(oiio.ImageOutput, "write_image", lambda *_: False)
+    monkeypatch.setattr(oiio.ImageOutput, "geterror", lambda *_: "out of ink")
+    with pytest.raises(ph.ResourceError, match="cannot be written: out of ink"):
+        image.save(file)
+    assert file.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == [file.name]
+
+
+def test_ctrl_c_while_writing_leaves_the_old_file(
+    image: ph.Image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    file = tmp_path / "a.png"
+    file.write_bytes(b"old")
+    monkeypatch.setattr(os, "fsync", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        image.save(file)
+    assert file.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["a.png"]
+
+
+def test_a_link_is_followed(image: ph.Image, tmp_path: Path) -> None:
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "real.png").write_bytes(b"old")
+    (tmp_path / "link.png").symlink_to(folder / "real.png")
+    (tmp_path / "new.png").symlink_to(folder / "not yet.png")
+    for link, target in (("link.png", "real.png"), ("new.png", "not yet.png")):
+        image.save(tmp_path / link)
+        assert (tmp_path / link).is_symlink()
+        assert read_picture(folder / target)[0].shape == (27, 48, 3)
+    assert sorted(os.listdir(folder)) == ["not yet.png", "real.png"]
+
+
+def test_permissions_are_kept_and_new_files_have_the_usual_ones(
+    image: ph.Image, tmp_path: Path
+) -> None:
+    file = tmp_path / "a.png"
+    old_mask = os.umask(0o027)
+    try:
+        image.save(file)
+        assert stat.S_IMODE(file.stat().st_mode) == 0o640
+        file.chmod(0o604)
+        image.save(file)
+        assert stat.S_IMODE(file.stat().st_mode) == 0o604
+        assert os.umask(0o027) == 0o027
+    finally:
+        os.umask(old_mask)
+
+
+def test_a_device_is_written_to_not_replaced(image: ph.Image, tmp_path: Path) -> None:
+    link = tmp_path / "null.png"
+    link.symlink_to(os.devnull)
+    image.save(link)
+    assert not stat.S_ISREG(os.stat(os.devnull).st_mode)
+    assert os.listdir(tmp_path) == ["null.png"]
+
+
+def test_replacing_writes_nothing_when_the_block_fails(tmp_path: Path) -> None:
+    file = tmp_path / "a.txt"
+    file.write_text("old")
+
+    def fail() -> None:
+        with atomic.replacing(file) as temporary:
+            assert (temporary.parent, temporary.suffix) == (tmp_path, ".txt")
+            temporary.write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert file.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.parametrize(
+    ("name", "bits", "error", "told"),
+    [
+        ("a.png", 32, ph.SceneError, r"\.png cannot hold 32 bits a channel \(choices: 8, 16\)"),
+        ("a.jpg", 16, ph.SceneError, r"\.jpg cannot hold 16 bits"),
+        ("a.exr", 8, ph.SceneError, r"\.exr cannot hold 8 bits a channel \(choices: 32, 16\)"),
+        ("a.pgn", None, ph.SceneError, r"unknown picture ending '\.pgn'; did you mean '\.png'\?"),
+        ("a", None, ph.SceneError, r"unknown picture ending ''"),
+        ("no/a.png", None, ph.ResourceError, "there is no folder"),
+        ("folder.png", None, ph.ResourceError, "is a folder"),
+        ("a\0.png", None, ph.ResourceError, "cannot be written: embedded null"),
+        ("a" * 300 + ".png", None, ph.ResourceError, "cannot be written: File name too long"),
+    ],
+)
+def test_names_that_can_not_be_written(
+    image: ph.Image, tmp_path: Path, name: str, bits: int | None, error: type, told: str
+) -> None:
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(error, match=told):
+        image.save(tmp_path / name, bits=bits)
+    assert os.listdir(tmp_path) == ["folder.png"]
