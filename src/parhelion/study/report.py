@@ -163,7 +163,7 @@ def _share(chart: Chart) -> str:
     return f"""<section aria-labelledby='share'><h2 id='share'>Where the threads' time went</h2>
 <p>Threads times seconds is the time the program had. Processor time that one thread needs as well
 is useful work. Processor time beyond that comes from cores that share a cache, a clock limit or an
-arithmetic unit, and from threads that spin for a moment at the end of a pass. The rest is
+arithmetic unit, and from threads that wait awake at the end. The rest is
 waiting: for work, or for a core.</p>
 {_figure(chart, _SHARE, heading=False)}
 </section>"""

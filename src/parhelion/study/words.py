@@ -277,7 +277,7 @@ def our_facts(study: Study, summary: Summary) -> list[Statement]:
                     f"Ours, {top.width} px, {count(top.threads, 'thread')}: of the threads' time, "
                     f"{percent(top.useful)} went into work that one thread does as well, "
                     f"{percent(top.extra)} was processor time on top of that (shared caches, "
-                    "lower clock, shared arithmetic units, spinning at the end of a pass) and "
+                    "lower clock, shared arithmetic units, waiting awake at the end) and "
                     f"{percent(top.waiting)} was waiting for work or for a core.",
                 )
             )
@@ -356,7 +356,7 @@ def causes(study: Study) -> list[Statement]:
     )
     hand_out = {
         "dynamic": "a thread takes the next one when it is done, so none waits for another's hard "
-        "part of the picture until the last tiles of a pass",
+        "part of the picture until the last tiles",
         "static": "each thread gets its share before the start (--schedule static), so the one "
         "with the hardest part of the picture decides the time",
         "guided": "threads take large batches of them first and ever smaller ones towards the end",
@@ -370,9 +370,8 @@ def causes(study: Study) -> list[Statement]:
         ),
         Statement(
             "known",
-            "Ours goes over the picture in passes of some samples per pixel, each one parallel "
-            f"loop over tiles of {plan.tile} x {plan.tile} pixels; {hand_out}. All threads wait "
-            "for each other at the end of a pass.",
+            f"Ours is one parallel loop over tiles of {plan.tile} x {plan.tile} pixels; {hand_out}. "
+            "All threads wait for each other once, at its end.",
         ),
         Statement(
             "known",
