@@ -370,8 +370,8 @@ def causes(study: Study) -> list[Statement]:
         ),
         Statement(
             "known",
-            f"Ours is one parallel loop over tiles of {plan.tile} x {plan.tile} pixels; {hand_out}. "
-            "All threads wait for each other once, at its end.",
+            f"Ours is one parallel loop over tiles of {plan.tile} x {plan.tile} pixels; "
+            f"{hand_out}. All threads wait for each other once, at its end.",
         ),
         Statement(
             "known",
