@@ -31,9 +31,30 @@ double radius_of(const SphereGroup& g, size_t i) {
   throw SceneError("shape '" + g.name + "': " + field + "[" + std::to_string(i) + "] is " + what);
 }
 
+// The values that a primitive's own colour may have: those of its material's first parameter.
+struct ColorRange {
+  float low, high;
+  const char* material;
+};
+
+ColorRange color_range(const ParamBlock& material) {
+  switch (static_cast<MaterialKind>(material.kind)) {
+#define MATERIAL(name, Type) \
+  case MaterialKind::name:   \
+    return {baseline::Type::params[0].low, baseline::Type::params[0].high, #name};
+#include "../core/materials.def"
+#undef MATERIAL
+  }
+  throw SceneError("a material of unknown kind");
+}
+
 // Checks every element; returns the largest |coordinate| + radius. The loop only gathers, and
 // looks for the culprit when there is one, so that it runs at the speed of memory.
-double check(const SphereGroup& g, size_t material_count) {
+double check(const SphereGroup& g, const std::vector<ColorRange>& colors) {
+  const size_t material_count = colors.size();
+  const auto range_of = [&](size_t i) {
+    return colors[g.material_of ? g.material_of[i] : g.material];
+  };
   double extent = 0.0;
   bool sound = true;
 #pragma omp parallel for reduction(max : extent) reduction(&& : sound)
@@ -47,9 +68,9 @@ double check(const SphereGroup& g, size_t material_count) {
     }
     sound = sound && std::isfinite(r) && r > 0.0;
     sound = sound && (!g.material_of || g.material_of[i] < material_count);
-    for (size_t k = 0; g.colors && k < 3; ++k) {
+    for (size_t k = 0; sound && g.colors && k < 3; ++k) {
       const float c = g.colors[3 * i + k];
-      sound = sound && std::isfinite(c) && c >= 0.0f;
+      sound = c >= range_of(i).low && c <= range_of(i).high;
     }
     extent = std::max(extent, size + r);
   }
@@ -71,10 +92,12 @@ double check(const SphereGroup& g, size_t material_count) {
     }
     for (size_t k = 0; g.colors && k < 3; ++k) {
       const float c = g.colors[3 * i + k];
-      if (!std::isfinite(c) || c < 0.0f) {
+      const ColorRange range = range_of(i);
+      if (!(c >= range.low && c <= range.high)) {
         fail(g, "colors", i,
-             text(static_cast<double>(c)) + " in " + "rgb"[k] +
-                 "; a colour must be finite and at least 0");
+             text(static_cast<double>(c)) + " in " + "rgb"[k] + "; the colour of " +
+                 range.material + " must lie in [" + text(range.low) + ", " + text(range.high) +
+                 "]");
       }
     }
   }
@@ -82,6 +105,23 @@ double check(const SphereGroup& g, size_t material_count) {
     throw SceneError("shape '" + g.name + "': its coordinates are too large to add to its radii");
   }
   return extent;
+}
+
+// Refuses spheres whose squared radius would be lost beside a scene of the given extent.
+void check_sizes(const SphereGroup& g, double extent) {
+  constexpr double kSmallest = 1e-15;
+  const size_t radii = g.one_radius ? std::min<size_t>(g.count, 1) : g.count;
+  double least = extent;
+#pragma omp parallel for reduction(min : least)
+  for (size_t i = 0; i < radii; ++i) least = std::min(least, radius_of(g, i));
+  if (least >= kSmallest * extent) return;
+  for (size_t i = 0; i < radii; ++i) {
+    if (radius_of(g, i) < kSmallest * extent) {
+      fail(g, "radii", i,
+           text(radius_of(g, i)) + ", but the scene reaches out to " + text(extent) +
+               "; spheres of less than 1e-15 of that cannot be rendered with it");
+    }
+  }
 }
 
 struct SphereRef {
@@ -102,11 +142,25 @@ struct SphereRef {
   }
 };
 
+// Of spheres that coincide, the one of the lowest id stands for all: a ray that starts on one would
+// otherwise meet its twin at once, or not, as rounding has it. Centres that coincide share a leaf
+// unless there are more of them than it holds.
+bool has_twin_before(const SphereRef* refs, size_t n, const SphereRef& r) {
+  for (size_t i = 0; i < n; ++i) {
+    const SphereRef& other = refs[i];
+    if (other.id < r.id && other.x == r.x && other.y == r.y && other.z == r.z &&
+        other.radius == r.radius) {
+      return true;
+    }
+  }
+  return false;
+}
+
 SphereBlock make_block(const SphereRef* refs, size_t n) {
   SphereBlock b;
   constexpr float nan = std::numeric_limits<float>::quiet_NaN();
   for (size_t i = 0; i < 16; ++i) {
-    const bool used = i < n;
+    const bool used = i < n && !has_twin_before(refs, n, refs[i]);
     b.x[i] = used ? refs[i].x : nan;
     b.y[i] = used ? refs[i].y : nan;
     b.z[i] = used ? refs[i].z : nan;
@@ -121,6 +175,8 @@ SphereBlock make_block(const SphereRef* refs, size_t n) {
 Scene::Scene(const std::vector<SphereGroup>& groups, std::vector<ParamBlock> materials,
              const ParamBlock& background)
     : materials_(std::move(materials)) {
+  std::vector<ColorRange> ranges;
+  for (const ParamBlock& m : materials_) ranges.push_back(color_range(m));
   double extent = 0.0;
   bool many_materials = false, colored = false;
   u32 first_material = groups.empty() ? 0 : groups[0].material;
@@ -133,13 +189,15 @@ Scene::Scene(const std::vector<SphereGroup>& groups, std::vector<ParamBlock> mat
       throw SceneError("shape '" + g.name + "': material " + std::to_string(g.material) + " of " +
                        std::to_string(materials_.size()));
     }
-    extent = std::max(extent, check(g, materials_.size()));
+    extent = std::max(extent, check(g, ranges));
     sphere_count_ += g.count;
     many_materials = many_materials || g.material_of || g.material != first_material;
     colored = colored || g.colors;
   }
   // To [0.5, 1): exact, being a power of two.
   if (extent > 0.0) scale_ = std::ldexp(1.0, -(std::ilogb(extent) + 1));
+
+  for (const SphereGroup& g : groups) check_sizes(g, extent);
 
   std::vector<SphereRef> refs(sphere_count_);
   if (many_materials || (first_material != 0 && sphere_count_ > 0)) {
@@ -153,8 +211,7 @@ Scene::Scene(const std::vector<SphereGroup>& groups, std::vector<ParamBlock> mat
       const auto at = [&](size_t k) {
         return static_cast<float>(number(g.centers, g.centers_double, 3 * i + k) * scale_);
       };
-      // A sphere of less than 1e-15 of the scene would have a square that float cannot hold.
-      const float radius = std::max(static_cast<float>(radius_of(g, i) * scale_), 1e-15f);
+      const float radius = static_cast<float>(radius_of(g, i) * scale_);
       refs[base + i] = {at(0), at(1), at(2), radius, static_cast<u32>(base + i)};
       if (!material_of_.empty()) {
         material_of_[base + i] = g.material_of ? g.material_of[i] : g.material;

@@ -175,13 +175,13 @@ void rays_meet_the_same_through_the_tree_and_without() {
   }
 }
 
-// Centres that coincide, and sizes over thirty powers of ten: the tree's depth stays bounded.
+// Centres that coincide, and sizes over fourteen powers of ten: the tree's depth stays bounded.
 void hard_cases_build() {
   std::vector<double> centers, radii;
   for (int i = 0; i < 5000; ++i) {
-    const double x = i < 2000 ? 0.0 : std::ldexp(1.0, -(i % 100));
+    const double x = i < 2000 ? 0.0 : std::ldexp(1.0, -(i % 45));
     centers.insert(centers.end(), {x, 0.0, 0.0});
-    radii.push_back(std::ldexp(1.0, -(i % 90)));
+    radii.push_back(std::ldexp(1.0, -(i % 48)));
   }
   SphereGroup g;
   g.name = "hard";
@@ -239,6 +239,19 @@ void mistakes_are_named() {
   cloud.centers[3 * 5 + 1] = 0.0;
   cloud.material[9] = 4;
   CHECK(message_of(make).find("material[9] is 4; the scene has materials 0 to 3") !=
+        std::string::npos);
+  cloud.material[9] = 0;
+  cloud.radii[3] = 1e-20;
+  CHECK(message_of(make).find("radii[3] is 1e-20, but the scene reaches out to 2000") !=
+        std::string::npos);
+  cloud.radii[3] = 1.0;
+  std::vector<float> colors(3 * cloud.radii.size(), 0.5f);
+  SphereGroup group = cloud.group();
+  group.colors = colors.data();
+  colors[3 * 4 + 1] = 255.0f;
+  CHECK(message_of([&] {
+          Scene({group}, Cloud::materials(), white_sky());
+        }).find("colors[4] is 255 in g; the colour of diffuse must lie in [0, 1]") !=
         std::string::npos);
   CHECK(message_of([] { kernels("mmx"); }).find("baseline") != std::string::npos);
   CHECK(message_of([] { make_filter("boxy", 0.0); }).find("tent") != std::string::npos);
