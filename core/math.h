@@ -15,7 +15,6 @@ PH_INLINE float sqrt(float x) { return compiler::sqrt(x); }
 PH_INLINE float safe_sqrt(float x) { return sqrt(max(x, 0.0f)); }
 PH_INLINE float copysign(float size, float sign) { return compiler::copysign(size, sign); }
 PH_INLINE bool finite(float x) { return abs(x) < kInfinity; }  // false for NaN
-PH_INLINE float sqr(float x) { return x * x; }
 
 PH_INLINE Vec3 operator+(Vec3 a, Vec3 b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
 PH_INLINE Vec3 operator-(Vec3 a, Vec3 b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }

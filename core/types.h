@@ -1,6 +1,7 @@
 // Numbers, vectors and rays: the plain types that host and kernels share.
 //
-// Nothing in core/ includes a standard header, allocates, throws or keeps state, so the same text
+// Nothing in core/ includes a standard header (simd.h takes the processor's intrinsics), allocates,
+// throws or keeps state, so the same text
 // compiles for every instruction set of a CPU and, through NVRTC, for a GPU. Types that cross from
 // host to kernel are plain data in namespace parhelion. All functions live in parhelion::PH_ISA,
 // a namespace per instruction set: the linker must never take an AVX-512 body for an SSE4.2 caller.

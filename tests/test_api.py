@@ -635,3 +635,62 @@ def test_examples_run(example: Path, tmp_path: Path) -> None:
 
 def test_there_are_examples() -> None:
     assert {"numpy_cloud", "color_by_field", "hollow_glass"} <= {path.stem for path in EXAMPLES}
+
+
+# --- What a scene refuses, and what it takes ------------------------------------------------------
+
+
+def test_colors_must_be_those_that_their_material_may_have() -> None:
+    """The likeliest slip: 0 to 255 where 0 to 1 is meant."""
+    bytes_ = np.full((3, 3), 200, np.uint8)
+    said = r"shape 'spheres': colors\[0\] is 200 in r; the colour of diffuse must lie in \[0, 1\]"
+    with pytest.raises(ph.SceneError, match=said):
+        ph.prepare(ph.Scene([ph.Spheres(np.eye(3), 0.1, colors=bytes_)]))
+    lamps = ph.Spheres(np.eye(3), 0.1, ph.Material("emissive"), colors=bytes_)
+    assert ph.prepare(ph.Scene([lamps])).core.stats()["lights"] == 3
+
+
+def test_a_sphere_too_small_for_its_scene_is_refused() -> None:
+    stray = ph.Spheres([[0, 0, 0], [1e17, 0, 0]], 1.0)
+    with pytest.raises(
+        ph.SceneError, match=r"radii\[0\] is 1, but the scene reaches out to 1e\+17"
+    ):
+        ph.prepare(ph.Scene([stray]))
+
+
+@pytest.mark.parametrize("material", ["diffuse", "metal", "dielectric"])
+def test_spheres_that_coincide_are_one(material: str) -> None:
+    def picture(copies: int) -> np.ndarray:
+        spheres = ph.Spheres([[0.1, 0.2, 0.1]] * copies, 0.7, ph.Material(material))
+        scene = ph.Scene([spheres], background=ph.Background("constant"))
+        return ph.render(scene, width=32, height=32, spp=4).pixels
+
+    np.testing.assert_array_equal(picture(1), picture(2))
+    np.testing.assert_array_equal(picture(1), picture(5))
+
+
+def test_material_names_for_each_sphere() -> None:
+    materials = {
+        "a": ph.Material("diffuse"),
+        "b": ph.Material("metal"),
+        "c": ph.Material("emissive"),
+    }
+    named = ph.Spheres(np.eye(3), 0.1, ["c", "a", "c"])
+    counted = ph.Spheres(np.eye(3), 0.1, [2, 0, 2])
+    one, two = (ph.prepare(ph.Scene([s], materials)) for s in (named, counted))
+    assert one.flat.sha256() == two.flat.sha256()
+    with pytest.raises(ph.SceneError, match=r"material\[1\]: unknown material 'aa'; did you mean"):
+        ph.prepare(ph.Scene([ph.Spheres(np.eye(3), 0.1, ["a", "aa", "b"])], materials))
+
+
+def test_masked_elements_are_refused() -> None:
+    centers = np.ma.masked_greater(np.eye(3), 0.5)
+    with pytest.raises(ph.SceneError, match="centers has masked elements"):
+        ph.prepare(ph.Scene([ph.Spheres(centers)]))
+
+
+def test_an_image_is_an_array_to_numpy() -> None:
+    image = ph.render(ONE, width=8, height=6, spp=1)
+    np.testing.assert_array_equal(np.asarray(image), image.pixels)
+    assert np.asarray(image, np.float64).dtype == np.float64
+    assert repr(image) == "<Image 8x6, 1 spp>"

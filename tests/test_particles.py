@@ -368,7 +368,7 @@ def test_missing_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, extra: str
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, extra, None)
-    with pytest.raises(ph.FormatError, match=r'pip install "parhelion\[particles\]"'):
+    with pytest.raises(ph.FormatError, match=f"pip install {extra}"):
         io.load(write(tmp_path, name, "x"))
 
 
@@ -914,3 +914,9 @@ def test_a_hundred_thousand_atoms_are_read_in_no_time(tmp_path: Path) -> None:
     start = time.perf_counter()
     xyz.read(path)
     assert time.perf_counter() - start < 1
+
+
+@pytest.mark.parametrize("option", [{"colormap": "magma"}, {"color_range": (0.0, 1.0)}])
+def test_a_colour_map_needs_a_field(option: dict[str, Any]) -> None:
+    with pytest.raises(ph.SceneError, match="needs a field to colour by"):
+        to_scene(cloud(), LoadOptions(**option), "test")

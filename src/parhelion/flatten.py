@@ -116,13 +116,17 @@ def _group(shape: Spheres, names: dict[str, int], materials: list[Block]) -> tup
             raise SceneError(f"{where}: {unknown_name('material', shape.material, names)}")
         index = names[shape.material]
     else:
-        material_of = _indices(shape.material, count, len(names), where)
+        material_of = _indices(shape.material, count, names, where)
     name = str(shape.name).encode(errors="backslashreplace").decode()  # of any file's name
     return name, centers, radii, index, material_of, colors
 
 
 def _floats(values: Any, what: str) -> Any:
     """A C-contiguous array of float32 or float64."""
+    if np.ma.is_masked(values):
+        raise SceneError(
+            f"{what} has masked elements; choose what they should be, or leave them out"
+        )
     try:
         array = np.asarray(values)
         if array.dtype not in (np.float32, np.float64):
@@ -135,11 +139,20 @@ def _floats(values: Any, what: str) -> Any:
     return np.asarray(array, order="C")
 
 
-def _indices(values: Any, count: int, known: int, where: str) -> Any:
+def _indices(values: Any, count: int, names: dict[str, int], where: str) -> Any:
+    """Indices of materials from indices or from names, one a primitive."""
     array = np.asarray(values)
+    known = len(names)
+    if array.dtype.kind == "U" and array.ndim == 1:
+        used, first, inverse = np.unique(array, return_index=True, return_inverse=True)
+        for name, i in zip(used.tolist(), first.tolist(), strict=True):
+            if name not in names:
+                raise SceneError(f"{where}: material[{i}]: {unknown_name('material', name, names)}")
+        array = np.array([names[name] for name in used.tolist()], np.uint32)[inverse]
     if array.dtype.kind not in "iu" and array.size:
         raise SceneError(
-            f"{where}: material must be a name, a Material or whole numbers, not {array.dtype}"
+            f"{where}: material must be a name, a Material, or (N,) whole numbers or names,"
+            f" not {array.dtype}"
         )
     if array.shape != (count,):
         raise SceneError(f"{where}: material has shape {array.shape}; must be ({count},)")

@@ -189,6 +189,8 @@ def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
 
     Raises SceneError for an option that these particles or Matplotlib do not have.
     """
+    if options.color_by is None and (options.color_range or options.colormap != "viridis"):
+        raise SceneError("a colour map or its range needs a field to colour by")
     with np.errstate(over="ignore"):
         radii = _radii(particles, options.radius)
         colors = _colors(particles, options)

@@ -121,7 +121,7 @@ def render(
     except MemoryError as error:
         raise ResourceError(f"not enough memory for a picture of {width}x{height}") from error
     if bad.any():
-        _report_bad(prepared, view, wanted, bad)
+        _report_bad(prepared, view, wanted, counts, bad)
     return Image(pixels, counts, stats, wanted, view_camera, prepared.flat)
 
 
@@ -299,7 +299,7 @@ def _passes(
     )
 
 
-def _report_bad(prepared: Prepared, view: Any, settings: Settings, bad: Any) -> None:
+def _report_bad(prepared: Prepared, view: Any, settings: Settings, counts: Any, bad: Any) -> None:
     """Says where samples were not finite, and finds the first one again."""
     from . import _core
 
@@ -309,7 +309,7 @@ def _report_bad(prepared: Prepared, view: Any, settings: Settings, bad: Any) -> 
     sample = next(
         (
             s
-            for s in range(settings.spp)
+            for s in range(int(counts[row, column]))
             if not np.all(np.isfinite(_core.one_sample(prepared.core, view, x, y, s)))
         ),
         None,

@@ -1,7 +1,7 @@
 """The scene: plain, frozen dataclasses that hold numbers and NumPy arrays.
 
-Nothing here knows of pixels, threads or devices, and nothing is checked beyond its shape: the
-numbers are checked once, all of them, when the scene is handed to the core.
+Nothing here knows of pixels, threads or devices, and nothing is checked here: flatten.py checks
+that arrays fit together, and the core every number, once.
 
 Units are the user's own (nanometres, metres, parsecs); colours are linear Rec. 709 RGB; angles
 are degrees. The frame is right-handed.
@@ -118,8 +118,8 @@ class Spheres:
     """N spheres as arrays; one object however large N is.
 
     centers: (N, 3) numbers. radii: (N,), or one number for all; each > 0.
-    material: the name of a material of the scene, a Material, or (N,) integers that index the
-        scene's materials in their order.
+    material: the name of a material of the scene, a Material, or (N,) names or integers, which
+        index the scene's materials in their order.
     colors: (N, 3) linear RGB that replaces the material's own colour, or None.
     """
 

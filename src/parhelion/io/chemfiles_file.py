@@ -51,7 +51,7 @@ def read(path: Path, frame: int = 0) -> Particles:
         import chemfiles
     except ImportError:
         raise FormatError(
-            f'{path}: PDB and GRO files need chemfiles: pip install "parhelion[particles]"'
+            f"{path}: PDB and GRO files need chemfiles: pip install chemfiles"
         ) from None
     # chemfiles hands its warnings to Python's, and its errors are no Exception
     with (

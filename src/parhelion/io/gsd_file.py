@@ -47,9 +47,7 @@ def read(path: Path, frame: int = 0) -> Particles:
     try:
         from gsd import fl
     except ImportError:
-        raise FormatError(
-            f'{path}: GSD files need the gsd package: pip install "parhelion[particles]"'
-        ) from None
+        raise FormatError(f"{path}: GSD files need the gsd package: pip install gsd") from None
     with errors_name(path):
         try:
             with fl.open(str(path), "r") as file:

@@ -47,6 +47,10 @@ Number = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Meta(gt=0, le=LARGEST)]
 NotNegative = Annotated[float, Meta(ge=0, le=LARGEST)]
 Count = Annotated[int, Meta(ge=1, le=2**31 - 1)]
+# the limits of renderer.merged()
+Side = Annotated[int, Meta(ge=1, le=65536)]
+Depth = Annotated[int, Meta(ge=1, le=2**20)]
+FilterRadius = Annotated[float, Meta(gt=0, le=32)]
 Place = Annotated[int, Meta(ge=0, le=2**31 - 1)]
 Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Angle = Annotated[float, Meta(gt=0, lt=180)]
@@ -129,10 +133,10 @@ class Spheres(Struct, forbid_unknown_fields=True):
 class Settings(Struct, forbid_unknown_fields=True):
     """Defaults for rendering; options of the command and arguments of render() override them."""
 
-    width: Annotated[Count, _doc("of the picture, in pixels")] = model.Settings.width
-    height: Annotated[Count, _doc("of the picture, in pixels")] = model.Settings.height
+    width: Annotated[Side, _doc("of the picture, in pixels")] = model.Settings.width
+    height: Annotated[Side, _doc("of the picture, in pixels")] = model.Settings.height
     spp: Annotated[Count, _doc("samples per pixel")] = model.Settings.spp
-    max_depth: Annotated[Count, _doc("rays in the longest path, the camera's own included")] = (
+    max_depth: Annotated[Depth, _doc("rays in the longest path, the camera's own included")] = (
         model.Settings.max_depth
     )
     seed: Annotated[Seed, _doc("of all random numbers")] = model.Settings.seed
@@ -140,7 +144,7 @@ class Settings(Struct, forbid_unknown_fields=True):
         model.Settings.sampler
     )
     filter: Annotated[Filter, _doc("how a pixel weighs its surroundings")] = model.Settings.filter
-    filter_radius: Annotated[Positive | None, _doc("in pixels; null is the filter's own")] = (
+    filter_radius: Annotated[FilterRadius | None, _doc("in pixels; null is the filter's own")] = (
         model.Settings.filter_radius
     )
     roulette: Annotated[bool, _doc("end dim paths early, without bias")] = model.Settings.roulette
