@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import errno
 import json
 import re
 import signal
@@ -11,16 +12,18 @@ import subprocess
 import sys
 import time
 from html.parser import HTMLParser
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import parhelion as ph
 from parhelion import machine
 from parhelion.cli import study as command
 from parhelion.errors import ResourceError, SceneError
-from parhelion.study import amdahl, charts, original, words
+from parhelion.study import amdahl, charts, original, output, words
 from parhelion.study.measure import Run, Study, order
 from parhelion.study.plan import Plan, schedule_list, spp_pair, thread_list, width_list
 from parhelion.study.summary import quartiles, summarize
@@ -255,6 +258,23 @@ def test_points_of_a_known_study() -> None:
     assert fit.threads == (1, 4)  # 8 has no core of its own
 
 
+def test_csv_compares_each_run_with_the_median_on_one_thread() -> None:
+    study = made_up({1: [8.0, 9.0, 8.5], 4: [2.5, 2.0, 2.125]})
+    rows = list(csv.DictReader(output.runs_csv(study, summarize(study)).splitlines()))
+    assert [float(row["speed_up"]) for row in rows[3:]] == pytest.approx([3.4, 4.25, 4.0])
+    assert [float(row["efficiency"]) for row in rows[3:]] == pytest.approx([0.85, 1.0625, 1.0])
+    study.runs = study.runs[3:]
+    rows = list(csv.DictReader(output.runs_csv(study, summarize(study)).splitlines()))
+    assert {(row["speed_up"], row["efficiency"]) for row in rows} == {("", "")}
+
+
+def test_percent_ticks_are_not_rounded() -> None:
+    ax = Figure().subplots()
+    charts._percent_ticks(ax.yaxis)
+    told = [ax.yaxis.get_major_formatter()(value) for value in (0.0, 0.925, 0.1 + 0.2, 1.0)]
+    assert told == ["0 %", "92.5 %", "30 %", "100 %"]
+
+
 def test_quartiles_are_numpys() -> None:
     rng = np.random.default_rng(3)
     for count in (1, 2, 3, 4, 7):
@@ -357,6 +377,13 @@ def test_files_of_a_study(tmp_path, capsys) -> None:
     assert {row["oversubscribed"] for row in rows if row["threads"] == "4"} == {"True"}
     assert {row["oversubscribed"] for row in rows if row["threads"] == "2"} == {"False"}
 
+    for row in rows:
+        assert (row["spp"], row["tree"], row["sampler"]) == ("20", "bvh", "sobol")
+        speed_up = 1 if row["threads"] == "1" else 1 / 0.55
+        assert float(row["samples_per_second"]) == pytest.approx(1e6 * speed_up)
+        assert float(row["speed_up"]) == pytest.approx(speed_up)
+        assert float(row["efficiency"]) == pytest.approx(speed_up / int(row["threads"]))
+
     document = json.loads((tmp_path / "study.json").read_text())
     assert document["complete"] is True
     assert document["machine"]["instruction_set"] == "sse4.2"
@@ -382,7 +409,13 @@ def test_files_of_a_study(tmp_path, capsys) -> None:
             assert link[1:] in page.ids
     assert set(re.findall(r"url\(#(.*?)\)", text)) <= set(page.ids)
     assert not re.search(r"@import|url\((?!#)|<script|<link", text)
-    for digits in ("711 (1.00)", "175 (4.07)", "4 (oversubscribed)", "serial fraction"):
+    for digits in (
+        "711.46 (1.00)",
+        "174.61 (4.07)",
+        ">serial<",
+        "4 (oversubscribed)",
+        "serial fraction",
+    ):
         assert digits in text
     assert "var(--ours-6)" in text
     assert text.count('role="img"') == 6
@@ -467,6 +500,47 @@ def test_ctrl_c_writes_what_was_measured(
     assert len(document["runs"]) == min(after - 1, 12)  # the first call is the warm-up
     assert "Stopped early" in (tmp_path / "report.html").read_text()
     assert "stopped after" in capsys.readouterr().err
+
+
+def test_a_stopped_study_leaves_a_complete_one_alone(tmp_path, engine, monkeypatch, capsys) -> None:
+    options = ["--threads", "1,2", "--widths", "32", "--repeat", "1", "-o", str(tmp_path)]
+    assert study(*options) == 0
+    before = {name: (tmp_path / name).read_bytes() for name in FILES}
+    honest, measured = ph.render, len(engine)
+
+    def render(scene: object, **options: object) -> SimpleNamespace:
+        if len(engine) == measured + 2:  # after the warm-up and one run
+            raise KeyboardInterrupt
+        return honest(scene, **options)
+
+    monkeypatch.setattr(ph, "render", render)
+    assert study(*options) == 130
+    assert str(tmp_path / "stopped") in capsys.readouterr().err
+    assert {name: (tmp_path / name).read_bytes() for name in FILES} == before
+    assert sorted(p.name for p in (tmp_path / "stopped").iterdir()) == FILES
+    document = json.loads((tmp_path / "stopped" / "study.json").read_text())
+    assert document["complete"] is False
+    assert len(document["runs"]) == 1
+
+
+@pytest.mark.parametrize("full", FILES)
+def test_a_full_disk_leaves_the_old_study_whole(full: str, tmp_path, monkeypatch) -> None:
+    for name in FILES:
+        (tmp_path / name).write_text("old")
+    write = Path.write_bytes
+
+    def write_bytes(path: Path, content: bytes) -> int:
+        if path.suffix == Path(full).suffix:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", write_bytes)
+    measured = made_up({1: [8.0], 4: [2.5]})
+    with pytest.raises(ResourceError) as caught:
+        output.write(tmp_path, measured, summarize(measured))
+    assert str(caught.value) == f"{tmp_path / full}: cannot be written: No space left on device"
+    assert sorted(p.name for p in tmp_path.iterdir()) == FILES
+    assert {(tmp_path / name).read_text() for name in FILES} == {"old"}
 
 
 @pytest.mark.usefixtures("engine")

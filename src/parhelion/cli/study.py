@@ -110,6 +110,7 @@ def run(args: argparse.Namespace) -> int:
         return 130
     summary = summarize(study)
     paths = output.write(folder, study, summary)
+    written = paths[0].parent
 
     if not args.quiet:
         print(_text(plan, summary))
@@ -123,11 +124,16 @@ def run(args: argparse.Namespace) -> int:
         widths = ", ".join(map(str, study.mismatches))
         print(
             f"parhelion study: error: the pictures of width {widths} differ between runs; "
-            f"see {folder / 'report.html'}",
+            f"see {written / 'report.html'}",
             file=sys.stderr,
         )
     if not study.complete:
-        print(f"parhelion study: stopped after {len(study.runs)} runs", file=sys.stderr)
+        kept = (
+            ""
+            if written == folder
+            else f"; {folder} keeps its complete study, this is in {written}"
+        )
+        print(f"parhelion study: stopped after {len(study.runs)} runs{kept}", file=sys.stderr)
         return 130
     return 1 if study.mismatches else 0
 

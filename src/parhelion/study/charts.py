@@ -218,7 +218,7 @@ def draw_efficiency(ax: Any, study: Study, summary: Summary) -> None:
         _line(ax, [p.threads for p in line], values, None, over, color, marker)
         labels.append((line[-1].threads, values[-1], f"{width} px", color))
     ax.set_ylim(0, 1.08 * highest)
-    ax.yaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f} %")
+    _percent_ticks(ax.yaxis)
     _label(ax, labels)
 
 
@@ -282,7 +282,7 @@ def draw_share(ax: Any, study: Study, summary: Summary) -> None:
     ax.set_ylabel("threads")
     ax.set_xlim(0, 1)
     ax.grid(visible=False)
-    ax.xaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f} %")
+    _percent_ticks(ax.xaxis)
     if line:
         ax.set_xlabel(f"share of the threads' time, {line[0].width} px")
     ax.legend(
@@ -324,7 +324,7 @@ def draw_schedules(ax: Any, study: Study, summary: Summary) -> None:
             MARKERS[place],
         )
         labels.append((line[-1].threads, values[-1], schedule, colors[schedule]))
-    ax.yaxis.set_major_formatter(lambda value, _: f"{100 * value:.0f} %")
+    _percent_ticks(ax.yaxis)
     _label(ax, labels)
 
 
@@ -441,6 +441,11 @@ def _plain_ticks(axis: Any, values: Sequence[float]) -> None:
         if not shown or value >= 1.24 * shown[-1]:
             shown.append(value)
     axis.set_major_formatter(lambda value, _: f"{value:g}" if value in shown else "")
+
+
+def _percent_ticks(axis: Any) -> None:
+    """Fractions as percentages, with the decimals that the ticks have and no more."""
+    axis.set_major_formatter(lambda value, _: f"{round(100 * value, 6):g} %")
 
 
 def _fixed(values: Sequence[float]) -> Any:

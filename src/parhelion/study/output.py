@@ -7,6 +7,7 @@ import io
 import json
 import math
 import tempfile
+from contextlib import ExitStack
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,33 +37,74 @@ def prepare_folder(folder: Path) -> None:
 
 
 def write(folder: Path, study: Study, summary: Summary) -> list[Path]:
-    """Writes the four files, each whole or not at all, and returns their paths.
+    """Writes the four files and returns their paths.
 
-    Other files of the folder are left alone. Raises ResourceError.
+    All are written in full before the first takes its place, so a full disk leaves an old study
+    whole. A study that was stopped does not replace a complete one: its files then go into the
+    sub-folder `stopped`. Other files of the folder are left alone. Raises ResourceError.
     """
     from . import charts, report
 
+    if not study.complete and _holds_complete(folder):
+        folder = folder / "stopped"
+        prepare_folder(folder)
     contents = {
-        "study.csv": runs_csv(study).encode(),
+        "study.csv": runs_csv(study, summary).encode(),
         "study.json": (json.dumps(document(study, summary), indent=1) + "\n").encode(),
         "chart.png": charts.png(study, summary),
         "report.html": report.html(study, summary).encode(),
     }
-    for name, content in contents.items():
-        with replacing(folder / name) as temporary:
-            temporary.write_bytes(content)
+    try:
+        with ExitStack() as stack:
+            for name, content in contents.items():
+                stack.enter_context(replacing(folder / name)).write_bytes(content)
+    except ResourceError as error:
+        # Every open file adds its name on the way out; the innermost is the one that failed.
+        first: BaseException = error
+        while isinstance(first.__cause__, ResourceError):
+            first = first.__cause__
+        raise first from first.__cause__
     return [folder / name for name in contents]
 
 
-def runs_csv(study: Study) -> str:
-    """One line a run, in the order measured."""
+def _holds_complete(folder: Path) -> bool:
+    """Whether the folder's study.json is that of a complete study."""
+    try:
+        found = json.loads((folder / "study.json").read_bytes())
+    except (OSError, ValueError, RecursionError):  # none, or not ours
+        return False
+    return isinstance(found, dict) and found.get("complete") is True
+
+
+def runs_csv(study: Study, summary: Summary) -> str:
+    """One line a run, in the order measured.
+
+    speed_up and efficiency are those of this one run against the median of the one-thread runs
+    of its width and schedule, empty where there is none.
+    """
     from .measure import Run
 
+    plan = study.plan
     out = io.StringIO()
     names = [field.name for field in fields(Run)]
+    names += ["spp", "tree", "sampler", "samples_per_second", "speed_up", "efficiency"]
     writer = csv.DictWriter(out, names, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(asdict(run) for run in study.runs)
+    for run in study.runs:
+        one = summary.point(run.width, run.schedule, 1)
+        seconds = max(run.seconds, 1e-9)  # a clock may tick too coarsely for a small picture
+        speed_up = None if one is None else one.median / seconds
+        writer.writerow(
+            {
+                **asdict(run),
+                "spp": plan.spp,
+                "tree": plan.tree,
+                "sampler": plan.sampler,
+                "samples_per_second": run.samples / seconds,
+                "speed_up": speed_up,
+                "efficiency": None if speed_up is None else speed_up / run.threads,
+            }
+        )
     return out.getvalue()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING
@@ -35,13 +36,14 @@ def html(study: Study, summary: Summary) -> str:
             _how(study),
         ]
     )
+    # Seconds and percent signs stay on the line of their number.
+    body = re.sub(r"(?<=\d) (?=%|s\b)", "&nbsp;", body)
     return (
         "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'>"
         "<meta name='viewport' content='width=device-width, initial-scale=1'>"
         "<meta name='color-scheme' content='light dark'>"
         f"<title>{escape(title)}</title><style>{_css()}</style></head>\n"
-        # A percent sign stays on the line of its number.
-        f"<body><main>\n{body.replace(' %', '&nbsp;%')}\n</main></body></html>\n"
+        f"<body><main>\n{body}\n</main></body></html>\n"
     )
 
 
@@ -222,14 +224,17 @@ def _beside(study: Study, summary: Summary, chart: Chart) -> str:
     for threads in sorted({*original.THREADS, *study.plan.threads}):
         # A published count says nothing of our cores unless we ran it too.
         over = threads in study.plan.threads and study.plan.oversubscribed(threads) and shared
-        cells = [f"{threads} (ours over)" if over else str(threads)]
+        if threads == 1:
+            cells = ["serial (ours: 1 thread)" if shared else "serial"]
+        else:
+            cells = [f"{threads} (ours over)" if over else str(threads)]
         for width in original.WIDTHS:
             theirs = original.seconds(threads, width)
             base = original.column(width)[0]
-            cells.append("" if theirs is None else _both(theirs, base / theirs))
+            cells.append("" if theirs is None else f"{theirs:.2f} ({base / theirs:.2f})")
         for width in shared:
             point = summary.point(width, schedule, threads)
-            cells.append("" if point is None else _both(point.median, point.speedup))
+            cells.append("" if point is None else _both(point))
         rows += _row(cells)
     differing = words.settings_that_differ(study)
     unlike = (
@@ -254,8 +259,8 @@ def _beside(study: Study, summary: Summary, chart: Chart) -> str:
     return f"""<section aria-labelledby='beside'><h2 id='beside'>Beside the original study</h2>
 <p>This command grew out of a study in which a sphere path tracer was written as a serial program,
 parallelised with OpenMP and timed. Its figures: seconds at {original.SPP} samples per pixel, depth
-{original.MAX_DEPTH}, {original.ASPECT}. There, 1 thread stands for the serial program, so what
-OpenMP itself costs counts against its speed-up. Seconds compare two
+{original.MAX_DEPTH}, {original.ASPECT}. Its speed-up is measured against the serial program, so
+what OpenMP itself costs counts against it; ours is measured against one thread. Seconds compare two
 programs on two machines and two scenes, so compare the speed-ups.{escape(unlike)}</p>
 {_figure(chart, _ORIGINAL, heading=False)}
 {_grid("Seconds, and speed-up in brackets", head, rows + fits)}
@@ -367,8 +372,8 @@ def _threads(point: Point) -> str:
     return f"{point.threads} (oversubscribed)" if point.oversubscribed else str(point.threads)
 
 
-def _both(value: float, speedup: float | None) -> str:
-    return words.digits(value) + ("" if speedup is None else f" ({speedup:.2f})")
+def _both(point: Point) -> str:
+    return words.digits(point.median) + ("" if point.speedup is None else f" ({point.speedup:.2f})")
 
 
 def _css() -> str:
@@ -400,7 +405,7 @@ figcaption { color: var(--muted); font-size: .87rem; margin-top: .4rem; }
 .scroll { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; font-size: .87rem; font-variant-numeric: tabular-nums; }
 caption { text-align: left; font-weight: 600; padding-bottom: .3rem; }
-th, td { padding: .28rem .5rem; text-align: right; white-space: nowrap;
+th, td { padding: .28rem .5rem; text-align: right; vertical-align: baseline;
   border-bottom: 1px solid var(--grid); }
 thead th { color: var(--muted); font-weight: 500; }
 th:first-child { text-align: left; position: sticky; left: 0; background: var(--page); }
@@ -417,5 +422,6 @@ pre { overflow-x: auto; padding: .7rem .9rem; background: var(--over); font-size
   font-size: .75rem; }
 .measured { color: var(--ours); } .known { color: var(--third); }
 .hypothesis { color: var(--theirs); border-style: dashed; }
+@media (max-width: 70rem) { table { font-size: .8rem; } th, td { padding: .28rem .3rem; } }
 @media print { section { break-inside: avoid; } .scroll { overflow: visible; } }
 """
