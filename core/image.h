@@ -1,0 +1,160 @@
+// Images as the kernels see them: a pyramid of levels, each half the size of the one before, and
+// the ways to look them up.
+//
+// Row 0 of an image is its top, where v = 1; the first column is at u = 0. Texel centres lie at
+// half whole numbers, as in OpenGL: texel (x, y) of a w by h image is centred on u = (x + 1/2) / w,
+// v = 1 - (y + 1/2) / h.
+#pragma once
+#include "special.h"
+
+namespace parhelion {
+
+enum class ImageFormat : u32 {
+  srgb8,    // bytes encoded as in IEC 61966-2-1; an alpha channel is not encoded
+  linear8,  // bytes, 255 being 1
+  float32,
+};
+
+// Halvings of the longest side that is allowed, 65536, and the image itself.
+inline constexpr u32 kMaxImageSide = 1u << 16, kMaxImageLevels = 17;
+
+struct ImageView {
+  const void* texels;  // all levels, by rows, channels side by side
+  u32 width, height;   // of level 0; those of level l are max(1, width >> l) and so on
+  u32 levels;
+  ImageFormat format;
+  u32 channels;                // 1, 3 or 4: grey, RGB, RGB and alpha
+  u32 first[kMaxImageLevels];  // the first texel of each level
+};
+
+// What a texture or image has at a place: linear RGB, and alpha, which is 1 where there is none.
+struct Texel {
+  Vec3 rgb;
+  float a;
+};
+
+// What lies beyond the borders of an image.
+enum class Wrap : u32 { repeat, mirror, clamp, zero };
+
+}  // namespace parhelion
+
+namespace parhelion::PH_ISA {
+
+// The fifth root of x in (0, 1] by Newton's method, from above.
+constexpr double fifth_root(double x) {
+  double r = 1.0;
+  for (int i = 0; i < 60; ++i) r -= (r - x / (r * r * r * r)) * 0.2;
+  return r;
+}
+
+// Linear values of the 256 codes of sRGB (IEC 61966-2-1), rounded once.
+struct SrgbTable {
+  float linear[256];
+
+  constexpr SrgbTable() : linear() {
+    for (int i = 0; i < 256; ++i) {
+      const double code = i / 255.0, x = (code + 0.055) / 1.055;
+      const double root = fifth_root(x);  // x^2.4 = x^2 (x^(1/5))^2
+      linear[i] = static_cast<float>(code <= 0.04045 ? code / 12.92 : x * x * root * root);
+    }
+  }
+};
+PH_TABLE SrgbTable kSrgb;
+
+PH_INLINE Texel operator+(const Texel& a, const Texel& b) { return {a.rgb + b.rgb, a.a + b.a}; }
+PH_INLINE Texel operator*(const Texel& a, float s) { return {a.rgb * s, a.a * s}; }
+
+// In a form that gives a itself where a and b are the same.
+PH_INLINE Texel mix(const Texel& a, const Texel& b, float t) { return a + (b + a * -1.0f) * t; }
+
+PH_INLINE u32 level_side(u32 side, u32 level) {
+  const u32 halved = side >> level;
+  return halved > 0 ? halved : 1;
+}
+
+// A texel of a level, for a place inside it.
+PH_INLINE Texel fetch(const ImageView& image, u32 level, u32 x, u32 y) {
+  const u64 texel = image.first[level] + static_cast<u64>(y) * level_side(image.width, level) + x;
+  const u64 at = texel * image.channels;
+  float c[4] = {0.0f, 0.0f, 0.0f, 1.0f};
+  for (u32 i = 0; i < image.channels; ++i) {
+    if (image.format == ImageFormat::float32) {
+      c[i] = static_cast<const float*>(image.texels)[at + i];
+    } else {
+      const u8 code = static_cast<const u8*>(image.texels)[at + i];
+      c[i] = image.format == ImageFormat::srgb8 && i < 3 ? kSrgb.linear[code]
+                                                         : static_cast<float>(code) / 255.0f;
+    }
+  }
+  return {image.channels == 1 ? Vec3{c[0], c[0], c[0]} : Vec3{c[0], c[1], c[2]}, c[3]};
+}
+
+// A coordinate brought near [0, 1], where `wrap_texel` finishes the work on whole texels: there is
+// no number that does not fit an int. What is not finite ends up at a border.
+PH_INLINE float wrap_coordinate(float x, Wrap wrap) {
+  switch (wrap) {
+    case Wrap::repeat: return clamp(x - floor(x), 0.0f, 1.0f);
+    case Wrap::mirror: return clamp(x - 2.0f * floor(0.5f * x), 0.0f, 2.0f);
+    default: return clamp(x, -1.0f, 2.0f);
+  }
+}
+
+// The index in [0, n) of a texel from such a coordinate or its neighbour; kNone where there is
+// none.
+PH_INLINE u32 wrap_texel(int i, u32 size, Wrap wrap) {
+  const int n = static_cast<int>(size);
+  switch (wrap) {
+    case Wrap::repeat: return static_cast<u32>(i < 0 ? i + n : i >= n ? i - n : i);
+    case Wrap::mirror:
+      if (i < 0) return 0;
+      if (i >= 2 * n) return 0;
+      return static_cast<u32>(i < n ? i : 2 * n - 1 - i);
+    case Wrap::clamp: return static_cast<u32>(i < 0 ? 0 : i >= n ? n - 1 : i);
+    default: return i < 0 || i >= n ? kNone : static_cast<u32>(i);
+  }
+}
+
+PH_INLINE Texel fetch_wrapped(const ImageView& image, u32 level, u32 x, u32 y) {
+  if (x == kNone || y == kNone) return {{0, 0, 0}, 0};
+  return fetch(image, level, x, y);
+}
+
+inline Texel nearest(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u, Wrap wrap_v) {
+  const u32 w = level_side(image.width, level), h = level_side(image.height, level);
+  const float x = wrap_coordinate(uv.x, wrap_u) * static_cast<float>(w);
+  const float y = wrap_coordinate(1.0f - uv.y, wrap_v) * static_cast<float>(h);
+  return fetch_wrapped(image, level, wrap_texel(static_cast<int>(floor(x)), w, wrap_u),
+                       wrap_texel(static_cast<int>(floor(y)), h, wrap_v));
+}
+
+inline Texel bilinear(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u, Wrap wrap_v) {
+  const u32 w = level_side(image.width, level), h = level_side(image.height, level);
+  const float x = wrap_coordinate(uv.x, wrap_u) * static_cast<float>(w) - 0.5f;
+  const float y = wrap_coordinate(1.0f - uv.y, wrap_v) * static_cast<float>(h) - 0.5f;
+  const float left = floor(x), top = floor(y);
+  const u32 x0 = wrap_texel(static_cast<int>(left), w, wrap_u);
+  const u32 x1 = wrap_texel(static_cast<int>(left) + 1, w, wrap_u);
+  const u32 y0 = wrap_texel(static_cast<int>(top), h, wrap_v);
+  const u32 y1 = wrap_texel(static_cast<int>(top) + 1, h, wrap_v);
+  const Texel upper =
+      mix(fetch_wrapped(image, level, x0, y0), fetch_wrapped(image, level, x1, y0), x - left);
+  const Texel lower =
+      mix(fetch_wrapped(image, level, x0, y1), fetch_wrapped(image, level, x1, y1), x - left);
+  return mix(upper, lower, y - top);
+}
+
+// Between the two levels whose texels are next in size to a footprint `width` wide in uv.
+// Method: L. Williams, "Pyramidal parametrics", SIGGRAPH 1983; for images that are not square, of
+// the footprint's two extents in texels the longer, as in OpenGL, so nothing is aliased.
+inline Texel trilinear(const ImageView& image, Vec2 uv, float width, Wrap wrap_u, Wrap wrap_v) {
+  const u32 side = image.width > image.height ? image.width : image.height;
+  const float texels = width * static_cast<float>(side);
+  if (!(texels > 1.0f)) return bilinear(image, 0, uv, wrap_u, wrap_v);
+  const float place = min(log2(texels), static_cast<float>(image.levels - 1));
+  const u32 level = static_cast<u32>(place);
+  const Texel fine = bilinear(image, level, uv, wrap_u, wrap_v);
+  const float share = place - static_cast<float>(level);
+  return share > 0.0f ? mix(fine, bilinear(image, level + 1, uv, wrap_u, wrap_v), share) : fine;
+}
+
+}  // namespace parhelion::PH_ISA
