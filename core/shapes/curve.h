@@ -1,0 +1,460 @@
+// Segments of curves, sixteen to a block: cubic Bezier curves c(v), 0 <= v <= 1, of a radius r(v)
+// that is a cubic too.
+//
+// A round one is the hull of the spheres of radius r(v) around c(v): a tube, whose ends are open or
+// round. A point p of it has |p - c|^2 = r^2 and, since the spheres' surfaces slip along the hull,
+// (p - c).c' + r r' = 0; its normal is (p - c) / r. A flat one is a ribbon that turns to face the
+// ray: all places within r of the curve as the ray sees it. Linear and B-spline curves are Bezier
+// curves as well.
+//
+// The curve is halved, leaving out what the ray passes by, until a piece is nearly straight and of
+// nearly even taper. There a cone's equation gives a first guess, and Newton's method the place on
+// the curve itself. In the spirit of T. Reshetov and D. Luebke, "Phantom Ray-Hair Intersector",
+// HPG 2018, for the cones, and of K. Nakamaru and Y. Ohno, "Ray Tracing for Curves Primitive",
+// WSCG 2002, for the halving. All of it is in double, so that hairs may be thin and far away.
+#pragma once
+#include "point.h"
+#include "sphere.h"
+
+namespace parhelion {
+
+enum CurveFlag : u32 {
+  kCurveFlat = 1,      // else round
+  kCurveCapStart = 2,  // a round one ends in a half sphere, else it is open
+  kCurveCapEnd = 4,
+};
+
+// Control points by number, axis and lane, radii by number and lane; NaN in unused lanes. along:
+// the segment's two ends as shares of the way along its strand. flags: sums of CurveFlag.
+struct alignas(64) CurveBlock {
+  float point[4][3][16], radius[4][16], along[2][16];
+  u32 flags[16];
+  u32 id[16];
+};
+
+}  // namespace parhelion
+
+namespace parhelion::PH_ISA {
+
+struct Curve {
+  Vec3 point[4];
+  float radius[4];
+  float along[2];
+  u32 flags;
+};
+
+PH_INLINE Curve primitive(const CurveBlock& block, u32 lane) {
+  Curve c;
+  for (int k = 0; k < 4; ++k) {
+    c.point[k] = vector_at(block.point[k], lane);
+    c.radius[k] = block.radius[k][lane];
+  }
+  c.along[0] = block.along[0][lane];
+  c.along[1] = block.along[1][lane];
+  c.flags = block.flags[lane];
+  return c;
+}
+
+PH_INLINE float widest(const Curve& c) {
+  return max(max(c.radius[0], c.radius[1]), max(c.radius[2], c.radius[3]));
+}
+
+// A Bezier curve lies within the hull of its control points.
+PH_INLINE Box bounds(const Curve& c) {
+  const float r = widest(c);
+  return rounded_out(min(min(c.point[0], c.point[1]), min(c.point[2], c.point[3])) - Vec3{r, r, r},
+                     max(max(c.point[0], c.point[1]), max(c.point[2], c.point[3])) + Vec3{r, r, r});
+}
+
+// The same with the point of the ray that is nearest to the curve's middle as origin. The direction
+// is of unit length but for rounding.
+struct CurveSeen {
+  DVec3 point[4];
+  double radius[4];
+  DVec3 direction;
+  double start;  // distance of that point along the ray
+};
+
+PH_INLINE CurveSeen seen_along(const Curve& c, Vec3 origin, Vec3 direction) {
+  CurveSeen s;
+  s.direction = to_double(direction);
+  DVec3 sum = {0, 0, 0};
+  for (int k = 0; k < 4; ++k) {
+    s.point[k] = difference(c.point[k], origin);
+    s.radius[k] = c.radius[k];
+    sum = sum + s.point[k];
+  }
+  s.start = 0.25 * dot(sum, s.direction);
+  for (DVec3& p : s.point) p = p - s.direction * s.start;
+  return s;
+}
+
+// Position and radius at v, and their first and second derivatives.
+struct CurveJet {
+  DVec3 p, p1, p2;
+  double r, r1, r2;
+};
+
+template <class T>
+PH_INLINE void cubic(const T (&c)[4], double v, T& f, T& f1, T& f2) {
+  const double w = 1.0 - v;
+  const T a = c[0] * w + c[1] * v, b = c[1] * w + c[2] * v, d = c[2] * w + c[3] * v;
+  const T ab = a * w + b * v, bd = b * w + d * v;
+  f = ab * w + bd * v;
+  f1 = (bd - ab) * 3.0;
+  f2 = ((d - b) - (b - a)) * 6.0;
+}
+
+PH_INLINE CurveJet jet(const CurveSeen& c, double v) {
+  CurveJet j;
+  cubic(c.point, v, j.p, j.p1, j.p2);
+  cubic(c.radius, v, j.r, j.r1, j.r2);
+  return j;
+}
+
+// Control points of the piece from a to b.
+template <class T>
+PH_INLINE void piece_of(const T (&c)[4], double a, double b, T (&piece)[4]) {
+  const auto blossom = [&](double x, double y, double z) {
+    const T p = c[0] * (1.0 - x) + c[1] * x, q = c[1] * (1.0 - x) + c[2] * x;
+    const T r = c[2] * (1.0 - x) + c[3] * x;
+    const T s = p * (1.0 - y) + q * y, t = q * (1.0 - y) + r * y;
+    return s * (1.0 - z) + t * z;
+  };
+  piece[0] = blossom(a, a, a);
+  piece[1] = blossom(a, a, b);
+  piece[2] = blossom(a, b, b);
+  piece[3] = blossom(b, b, b);
+}
+
+// A place where a ray meets a curve. leaving: from inside.
+struct CurveHit {
+  double t, v;
+  bool leaving;
+};
+
+// Newton's method counts as arrived when it moves by less than this share of the radius.
+inline constexpr double kCurvePrecision = 1e-9;
+// Neighbours overlap by this share of a segment, that rounding leave no gap between them.
+inline constexpr double kCurveOverlap = 1e-7;
+
+// From a guess to the place on the tube; t counts from c.start.
+inline bool refine_round(const CurveSeen& c, double& t, double& v) {
+  for (int i = 0; i < 24; ++i) {
+    const CurveJet j = jet(c, v);
+    const DVec3 p = c.direction * t - j.p;
+    const double slip = dot(p, j.p1) + j.r * j.r1;
+    const double depth = 0.5 * (dot(p, p) - j.r * j.r);
+    const double slip_v = dot(p, j.p2) - dot(j.p1, j.p1) + j.r1 * j.r1 + j.r * j.r2;
+    const double slip_t = dot(c.direction, j.p1), depth_t = dot(c.direction, p);
+    const double determinant = -slip_t * slip - slip_v * depth_t;  // d depth / dv is -slip
+    const double dt = (slip * slip + slip_v * depth) / determinant;
+    const double dv = clamp((depth_t * slip - slip_t * depth) / determinant, -0.25, 0.25);
+    t += dt;
+    v += dv;
+    if (!(v > -0.5 && v < 1.5)) return false;  // or not a number
+    if (abs(dt) <= kCurvePrecision * j.r && abs(dv) * length(j.p1) <= kCurvePrecision * j.r) {
+      return true;
+    }
+  }
+  return false;
+}
+
+// From a guess to where the curve, as the ray sees it, is nearest to the ray.
+inline bool refine_flat(const CurveSeen& c, double& t, double& v) {
+  const DVec3 d = c.direction;
+  const double dd = dot(d, d);
+  for (int i = 0; i < 24; ++i) {
+    const CurveJet j = jet(c, v);
+    const DVec3 q = j.p - d * (dot(j.p, d) / dd), q1 = j.p1 - d * (dot(j.p1, d) / dd);
+    const double slope = dot(q1, q1) + dot(q, j.p2);
+    if (!(slope > 0.0)) return false;  // farthest, not nearest
+    const double dv = clamp(-dot(q, q1) / slope, -0.25, 0.25);
+    v += dv;
+    if (!(v > -0.5 && v < 1.5)) return false;
+    if (abs(dv) * length(q1) <= kCurvePrecision * j.r) {
+      const CurveJet at = jet(c, v);
+      t = dot(at.p, d) / dd;
+      const DVec3 off = at.p - d * t;
+      return dot(off, off) <= at.r * at.r;
+    }
+  }
+  return false;
+}
+
+// Calls accept(hit) for each place where the ray meets the half sphere at an end.
+template <class F>
+inline void meet_cap(const CurveSeen& c, bool end, F&& accept) {
+  const int first = end ? 3 : 0, step = end ? -1 : 1;
+  const DVec3 center = c.point[first];
+  const double r = c.radius[first];
+  // The way on from the end, by the next control point that differs.
+  int next = first + step;
+  DVec3 on = c.point[next] - center;
+  while (dot(on, on) == 0.0 && next != 3 - first) on = c.point[next += step] - center;
+  const double widening = r * (c.radius[next] - r);
+  const DVec3 d = c.direction;
+  const double dd = dot(d, d), b = dot(d, center) / dd;
+  const DVec3 off = d * b - center;
+  const double discriminant = (r * r - dot(off, off)) / dd;
+  if (!(discriminant >= 0.0)) return;
+  const double half = compiler::sqrt(discriminant);
+  for (int i = 0; i < 2; ++i) {
+    const double t = i == 0 ? b - half : b + half;
+    const double slip = dot(d * t - center, on) + widening;
+    if (slip <= kCurveOverlap * dot(on, on)) accept(CurveHit{t + c.start, end ? 1.0 : 0.0, i == 1});
+  }
+}
+
+// Calls accept(hit) for the places where the ray meets a nearly straight piece, from v = a to b.
+// margin: how far outside of the piece, in its lengths, a guess may lie.
+// False if a guess has led astray, and a smaller piece would make better ones.
+template <class F>
+inline bool meet_piece(const CurveSeen& c, bool flat, double a, double b, double margin,
+                       const DVec3 (&point)[4], const double (&radius)[4], F&& accept) {
+  const auto offer = [&](double t, double share) {
+    if (!(share >= -margin && share <= 1.0 + margin)) return true;
+    double v = a + share * (b - a);
+    if (!(flat ? refine_flat(c, t, v) : refine_round(c, t, v))) return false;
+    if (v >= -kCurveOverlap && v <= 1.0 + kCurveOverlap) {
+      const CurveJet j = jet(c, v);
+      const bool leaving = !flat && dot(c.direction * t - j.p, c.direction) > 0.0;
+      accept(CurveHit{t + c.start, clamp(v, 0.0, 1.0), leaving});
+    }
+    return abs(v - 0.5 * (a + b)) <= (0.5 + margin) * (b - a);
+  };
+  const DVec3 d = c.direction, e = point[3] - point[0];
+  const double dd = dot(d, d), de = dot(d, e);
+  if (flat) {
+    const DVec3 q = point[0] - d * (dot(point[0], d) / dd), across = e - d * (de / dd);
+    offer(0.0, clamp(-dot(q, across) / dot(across, across), 0.0, 1.0));
+    return true;
+  }
+  // The cone around the two end spheres: the places w, counted from the first centre, where
+  // |w|^2 - r^2 - (w.e + r dr)^2 / (e.e - dr^2) is 0.
+  const double r = radius[0], dr = radius[3] - r;
+  const double wide = dot(e, e) - dr * dr;
+  const DVec3 w = point[0] * -1.0;
+  const double we = dot(w, e) + r * dr;
+  const double A = dd - de * de / wide, B = dot(w, d) - we * de / wide;
+  const double C = dot(w, w) - r * r - we * we / wide;
+  const double discriminant = B * B - A * C;
+  // A ray that just misses the cone may still meet the curved piece: start where it is nearest.
+  const bool pierced = discriminant > 0.0;
+  const double half = pierced ? compiler::sqrt(discriminant) : 0.1 * abs(A) * r;
+  const double t0 = (-B - half) / A, t1 = (-B + half) / A;
+  const bool first = offer(t0, (we + t0 * de) / wide), second = offer(t1, (we + t1 * de) / wide);
+  return (first && second) || !pierced;
+}
+
+// A piece counts as nearly straight when it bends by less than this share of its length and radius.
+inline constexpr double kCurveStraight = 0.1;
+
+// Calls accept(hit) for every place where the ray's line meets the curve, in no order, some of them
+// twice.
+template <class F>
+inline void meet(const Curve& curve, Vec3 origin, Vec3 direction, F&& accept) {
+  constexpr u32 kDeepest = 10;
+  const CurveSeen c = seen_along(curve, origin, direction);
+  const bool flat = (curve.flags & kCurveFlat) != 0;
+  if (!flat) {
+    if (curve.flags & kCurveCapStart) meet_cap(c, false, accept);
+    if (curve.flags & kCurveCapEnd) meet_cap(c, true, accept);
+  }
+  const Frame frame = frame_around(direction);
+  const DVec3 axis[2] = {to_double(frame.x), to_double(frame.y)};
+  u32 depth = 0, index = 0;
+  for (;;) {
+    const double size = 1.0 / static_cast<double>(1u << depth);
+    const double a = index * size, b = a + size;
+    DVec3 p[4];
+    double r[4];
+    piece_of(c.point, a, b, p);
+    piece_of(c.radius, a, b, r);
+    double least = r[0], most = r[0], extent = 0.0;
+    for (int k = 0; k < 4; ++k) {
+      least = r[k] < least ? r[k] : least;
+      most = r[k] > most ? r[k] : most;
+      extent += abs(p[k].x) + abs(p[k].y) + abs(p[k].z);
+    }
+    // The frame is orthonormal to 1e-6.
+    const double reach = most * (1.0 + 1e-5) + 1e-6 * extent;
+    bool near = true;
+    for (const DVec3& x : axis) {
+      double low = dot(p[0], x), high = low;
+      for (int k = 1; k < 4; ++k) {
+        const double q = dot(p[k], x);
+        low = q < low ? q : low;
+        high = q > high ? q : high;
+      }
+      near = near && low <= reach && high >= -reach;
+    }
+    if (near) {
+      // By how much the piece bends and its taper changes: the control points' second differences.
+      const auto square = [](double x) { return x * x; };
+      const DVec3 e = p[3] - p[0], m = p[0] - p[1] * 2.0 + p[2], n = p[1] - p[2] * 2.0 + p[3];
+      const double bend = dot(m, m) + dot(n, n) + square(r[0] - 2.0 * r[1] + r[2]) +
+                          square(r[1] - 2.0 * r[2] + r[3]);
+      // The hull of spheres that grow nearly as fast as they move is as sensitive as they differ.
+      const double room = flat ? length(e) : abs(length(e) - abs(r[3] - r[0]));
+      const double near_enough = kCurveStraight * (room < least ? room : least);
+      const bool straight = bend <= near_enough * near_enough || depth == kDeepest;
+      const double margin = 0.25 + 2.0 * compiler::sqrt(bend) * most / dot(e, e);
+      if (!(straight && meet_piece(c, flat, a, b, margin, p, r, accept)) && depth < kDeepest) {
+        ++depth;
+        index *= 2;
+        continue;
+      }
+    }
+    // On to the next piece, of the largest size that begins there.
+    ++index;
+    while (depth > 0 && (index & 1u) == 0) {
+      index >>= 1;
+      --depth;
+    }
+    if (depth == 0) return;
+  }
+}
+
+// The nearest hit at 0 < t <= limit. self: the ray starts on this segment. A place that it starts
+// on then is an exit of a ray that sets off outwards, and an entry of one that sets off inwards:
+// what counts is an entry or an exit, respectively. A ribbon is not met again.
+inline bool nearest(const Curve& c, const Ray& ray, float limit, bool self, float& distance) {
+  if (self && (c.flags & kCurveFlat)) return false;
+  bool found = false;
+  distance = limit;
+  meet(c, ray.origin, ray.direction, [&](const CurveHit& hit) {
+    const float t = static_cast<float>(hit.t);
+    if (!(t > 0.0f) || !(t <= distance) || (self && hit.leaving != ray.inward)) return;
+    distance = t;
+    found = true;
+  });
+  return found;
+}
+
+// Distances to the block's segments, and a bit for each that is hit at 0 < t <= limit. self_lane:
+// the lane that the ray starts on, or kNone.
+PH_INLINE u32 intersect(const CurveBlock& block, const Ray& ray, float limit, u32 self_lane,
+                        float* distance) {
+  const Frame frame = frame_around(ray.direction);
+  const LaneVec3 origin = all(ray.origin), d = all(ray.direction);
+  const LaneVec3 axis_x = all(frame.x), axis_y = all(frame.y);
+  const Lanes zero = all(0.0f);
+  Lanes low_x, low_y, low_z, high_x, high_y, high_z, size = zero, reach = zero;
+  for (int k = 0; k < 4; ++k) {
+    const LaneVec3 f = load(block.point[k]) - origin;
+    const Lanes x = dot(f, axis_x), y = dot(f, axis_y), z = dot(f, d);
+    low_x = k == 0 ? x : min(low_x, x);
+    low_y = k == 0 ? y : min(low_y, y);
+    low_z = k == 0 ? z : min(low_z, z);
+    high_x = k == 0 ? x : max(high_x, x);
+    high_y = k == 0 ? y : max(high_y, y);
+    high_z = k == 0 ? z : max(high_z, z);
+    size = max(dot(f, f), size);
+    reach = max(load(block.radius[k]), reach);
+  }
+  // Rounding moves a control point by less than 16 kRounding times its distance.
+  reach = reach * all(1.0f + 16.0f * kRounding) + sqrt(size) * all(16.0f * kRounding);
+  const Lanes back = zero - reach;
+  u32 candidates = bits((low_x <= reach) & (back <= high_x) & (low_y <= reach) & (back <= high_y) &
+                        (low_z <= reach + all(limit)) & (back <= high_z));
+  u32 hit = 0;
+  for (; candidates != 0; candidates &= candidates - 1) {
+    const u32 lane = lowest_bit(candidates);
+    if (nearest(primitive(block, lane), ray, limit, lane == self_lane, distance[lane])) {
+      hit |= 1u << lane;
+    }
+  }
+  return hit;
+}
+
+// Where a ray meets the surface at distance t. The parameter is (the share of a ribbon's width, v).
+// The true surface of a ribbon is the tube that it stands for, up to its radius away.
+inline void surface(const Curve& c, const Ray& ray, float t, SurfacePoint& out) {
+  CurveHit best = {t, 0.5, false};
+  double off = static_cast<double>(kInfinity);
+  meet(c, ray.origin, ray.direction, [&](const CurveHit& hit) {
+    // Of two that are nearer to each other than t tells, the one first met.
+    const double apart = abs(hit.t - t) + (hit.leaving ? t * 0x1p-23 : 0.0);
+    if (apart < off) off = apart, best = hit;
+  });
+  const CurveSeen s = seen_along(c, ray.origin, ray.direction);
+  const CurveJet j = jet(s, best.v);
+  const DVec3 d = s.direction, from_axis = d * (best.t - s.start) - j.p;
+  if (c.flags & kCurveFlat) {
+    const DVec3 tangent = normalize(j.p1);
+    const DVec3 normal = normalize(tangent * dot(d, tangent) - d);
+    const double across = clamp(dot(from_axis, cross(tangent, normal)), -j.r, j.r);
+    const DVec3 place = j.p + cross(tangent, normal) * across + d * s.start;
+    out.point = to_float(to_double(ray.origin) + place);
+    out.normal = to_float(normal);
+    out.parameter = {static_cast<float>(0.5 + 0.5 * across / j.r), static_cast<float>(best.v)};
+    out.error = static_cast<float>(j.r);
+    return;
+  }
+  const DVec3 normal = normalize(from_axis);
+  out.point = to_float(to_double(ray.origin) + d * s.start + j.p + normal * j.r);
+  out.normal = to_float(normal);
+  out.parameter = {0.0f, static_cast<float>(best.v)};
+  out.error = 0.0f;
+}
+
+// v goes along the strand. u goes around a tube, from a place that depends on the tangent alone, or
+// across a ribbon.
+inline void parametrise(const Curve& c, const SurfacePoint& at, Vec2& uv, Vec3& dpdu, Vec3& dpdv) {
+  const CurveJet j = jet(seen_along(c, at.point, at.normal), at.parameter.y);
+  const Vec3 along = to_float(j.p1), tangent = normalize(along);
+  const float span = c.along[1] - c.along[0], r = static_cast<float>(j.r);
+  const Vec3 around = cross(tangent, at.normal);
+  uv.y = c.along[0] + span * at.parameter.y;
+  dpdv = along * (1.0f / span);
+  if (c.flags & kCurveFlat) {
+    uv.x = at.parameter.x;
+    dpdu = around * (2.0f * r);
+  } else {
+    const Frame f = frame_around(tangent);
+    uv.x = turn(dot(at.normal, f.y), dot(at.normal, f.x));
+    dpdu = around * (2.0f * kPi * r);
+  }
+}
+
+// To 1 % or so, by eight places: it weighs lights and is no part of a density.
+inline float area(const Curve& c) {
+  const CurveSeen s = seen_along(c, c.point[0], {0, 0, 1});
+  double sum = 0.0;
+  for (int i = 0; i < 8; ++i) {
+    const CurveJet j = jet(s, (i + 0.5) / 8.0);
+    sum += j.r * length(j.p1) / 8.0;
+  }
+  if (c.flags & kCurveFlat) return static_cast<float>(2.0 * sum);
+  const float r0 = c.flags & kCurveCapStart ? c.radius[0] : 0.0f;
+  const float r1 = c.flags & kCurveCapEnd ? c.radius[3] : 0.0f;
+  return 2.0f * kPi * (static_cast<float>(sum) + r0 * r0 + r1 * r1);
+}
+
+// Directions towards a curve are those to a sphere around it; some miss it. From within that sphere
+// there are none: then a curve's light is found by scattering alone.
+PH_INLINE Sphere sphere_around(const Curve& c) {
+  const Vec3 center = ((c.point[0] + c.point[3]) + (c.point[1] + c.point[2])) * 0.25f;
+  float far = 0.0f;
+  for (const Vec3& p : c.point) far = max(far, length(p - center));
+  return {center, (far + widest(c)) * (1.0f + 16.0f * kRounding)};
+}
+
+PH_INLINE float pdf_towards(const Curve& c, Vec3 from, Vec3 direction, float distance,
+                            Vec3 normal) {
+  return pdf_towards(sphere_around(c), from, direction, distance, normal);
+}
+
+inline TowardsSample sample_towards(const Curve& c, Vec3 from, Vec2 u) {
+  TowardsSample s = sample_towards(sphere_around(c), from, u);
+  const Ray ray = {from, s.direction, kNoSlot, false};
+  if (!(s.pdf > 0.0f) || !nearest(c, ray, kInfinity, false, s.distance)) return kNowhere;
+  SurfacePoint at;
+  surface(c, ray, s.distance, at);
+  s.normal = at.normal;
+  s.parameter = at.parameter;
+  return s;
+}
+
+}  // namespace parhelion::PH_ISA

@@ -1,0 +1,244 @@
+// Triangles, sixteen to a block.
+//
+// The test moves the ray's origin to 0 and shears space so that the ray runs along an axis; the
+// triangle is hit if 0 lies within its projection, which the signs of three edge functions tell. A
+// vertex is projected without regard to the triangle that asks, and an edge function changes only
+// its sign when its ends are exchanged, so neighbours never disagree on the side of their edge that
+// the ray passes: a closed mesh has no gap, not at edges and not at vertices.
+// Method: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013.
+//
+// In float the sign of an edge function is right or it is 0, since rounding keeps the order of its
+// two products. So float finds the candidates, few of sixteen, and double, where those products are
+// exact, decides and gives the distance: the weights of a needle would mean nothing in float.
+#pragma once
+#include "point.h"
+
+namespace parhelion {
+
+// Vertices by number, axis and lane; NaN in unused lanes, which no comparison accepts. id is the
+// primitive's place in the user's arrays.
+struct alignas(64) TriangleBlock {
+  float vertex[3][3][16];
+  u32 id[16];
+};
+
+}  // namespace parhelion
+
+namespace parhelion::PH_ISA {
+
+// Counter-clockwise seen from the front, where the normal points.
+struct Triangle {
+  Vec3 vertex[3];
+};
+
+PH_INLINE Triangle primitive(const TriangleBlock& block, u32 lane) {
+  Triangle t;
+  for (int k = 0; k < 3; ++k) {
+    const auto& v = block.vertex[k];
+    t.vertex[k] = {v[0][lane], v[1][lane], v[2][lane]};
+  }
+  return t;
+}
+
+// Along the normal, twice the area long; 0 if the vertices lie on a line.
+PH_INLINE DVec3 doubled_area(const Triangle& t) {
+  return cross(difference(t.vertex[1], t.vertex[0]), difference(t.vertex[2], t.vertex[0]));
+}
+
+PH_INLINE float area(const Triangle& t) {
+  return static_cast<float>(0.5 * length(doubled_area(t)));
+}
+
+// A projected vertex is wrong by the rounding of 2 differences and 4 more operations with numbers
+// up to 2: by 12 kRounding along each of two axes, which kBoxPad exceeds.
+PH_INLINE Box bounds(const Triangle& t) {
+  return padded(min(t.vertex[0], min(t.vertex[1], t.vertex[2])),
+                max(t.vertex[0], max(t.vertex[1], t.vertex[2])));
+}
+
+// What the test wants to know of a ray: the axis z along which it runs fastest, the two others, and
+// its steps along them for one along z.
+struct Shear {
+  int x, y, z;
+  float step_x, step_y;
+};
+
+PH_INLINE Shear shear_along(Vec3 direction) {
+  const float ax = abs(direction.x), ay = abs(direction.y), az = abs(direction.z);
+  const int z = ax >= ay && ax >= az ? 0 : ay >= az ? 1 : 2;
+  const int x = z == 2 ? 0 : z + 1, y = x == 2 ? 0 : x + 1;
+  const float along = component(direction, z);
+  return {x, y, z, component(direction, x) / along, component(direction, y) / along};
+}
+
+// Edge functions, which are the vertices' weights times `sum`: of one sign, not all 0, where the
+// ray's line passes through.
+struct Weights {
+  double a, b, c, sum;
+};
+
+PH_INLINE bool pierced(const Triangle& t, const Ray& ray, const Shear& shear, Weights& w) {
+  double x[3], y[3];
+  for (int k = 0; k < 3; ++k) {
+    const Vec3 v = t.vertex[k] - ray.origin;
+    const float z = component(v, shear.z);
+    x[k] = component(v, shear.x) - shear.step_x * z;  // rounded to float as in the lanes
+    y[k] = component(v, shear.y) - shear.step_y * z;
+  }
+  w.a = x[2] * y[1] - y[2] * x[1];
+  w.b = x[0] * y[2] - y[0] * x[2];
+  w.c = x[1] * y[0] - y[1] * x[0];
+  w.sum = w.a + w.b + w.c;
+  const bool inside =
+      w.sum < 0.0 ? w.a <= 0.0 && w.b <= 0.0 && w.c <= 0.0 : w.a >= 0.0 && w.b >= 0.0 && w.c >= 0.0;
+  return inside && w.sum != 0.0;
+}
+
+// Distance at which the ray passes through, if it does and the triangle is not a mere line.
+PH_INLINE bool pierced_at(const Triangle& t, const Ray& ray, const Shear& shear, float& distance) {
+  Weights w;
+  if (!pierced(t, ray, shear, w)) return false;
+  const DVec3 n = doubled_area(t);
+  if (n.x == 0.0 && n.y == 0.0 && n.z == 0.0) return false;
+  const double o = component(ray.origin, shear.z);
+  const double z = w.a * (component(t.vertex[0], shear.z) - o) +
+                   w.b * (component(t.vertex[1], shear.z) - o) +
+                   w.c * (component(t.vertex[2], shear.z) - o);
+  distance = static_cast<float>(z / (w.sum * component(ray.direction, shear.z)));
+  return true;
+}
+
+// Distances to the block's triangles, and a bit for each that is hit at 0 < t <= limit.
+// self_lane: the lane that the ray starts on, which is never hit, or kNone. The direction may have
+// any length.
+PH_INLINE u32 intersect(const TriangleBlock& block, const Ray& ray, const Shear& shear, float limit,
+                        u32 self_lane, float* distance) {
+  const Lanes origin_x = all(component(ray.origin, shear.x));
+  const Lanes origin_y = all(component(ray.origin, shear.y));
+  const Lanes origin_z = all(component(ray.origin, shear.z));
+  const Lanes step_x = all(shear.step_x), step_y = all(shear.step_y);
+  Lanes x[3], y[3];
+  for (int k = 0; k < 3; ++k) {
+    const Lanes z = load(block.vertex[k][shear.z]) - origin_z;
+    x[k] = (load(block.vertex[k][shear.x]) - origin_x) - step_x * z;
+    y[k] = (load(block.vertex[k][shear.y]) - origin_y) - step_y * z;
+  }
+  const Lanes a = x[2] * y[1] - y[2] * x[1];
+  const Lanes b = x[0] * y[2] - y[0] * x[2];
+  const Lanes c = x[1] * y[0] - y[1] * x[0];
+  const Lanes zero = all(0.0f);
+  u32 candidates = bits((zero <= min(a, min(b, c))) | (max(a, max(b, c)) <= zero));
+  if (self_lane != kNone) candidates &= ~(1u << self_lane);
+  u32 hit = 0;
+  for (; candidates != 0; candidates &= candidates - 1) {
+    const u32 lane = lowest_bit(candidates);
+    if (pierced_at(primitive(block, lane), ray, shear, distance[lane]) && distance[lane] > 0.0f &&
+        distance[lane] <= limit) {
+      hit |= 1u << lane;
+    }
+  }
+  return hit;
+}
+
+PH_INLINE u32 intersect(const TriangleBlock& block, const Ray& ray, float limit, u32 self_lane,
+                        float* distance) {
+  return intersect(block, ray, shear_along(ray.direction), limit, self_lane, distance);
+}
+
+// Where a ray that hits meets the surface.
+PH_INLINE void surface(const Triangle& t, const Ray& ray, float, SurfacePoint& out) {
+  Weights w;
+  pierced(t, ray, shear_along(ray.direction), w);
+  const double b = w.b / w.sum, c = w.c / w.sum;
+  place(t.vertex[0],
+        difference(t.vertex[1], t.vertex[0]) * b + difference(t.vertex[2], t.vertex[0]) * c,
+        doubled_area(t), out);
+  out.parameter = {static_cast<float>(b), static_cast<float>(c)};
+}
+
+// --- Directions towards a triangle --------------------------------------------------------------
+//
+// Uniform in solid angle where that is large enough to matter, else uniform in area: below, a float
+// direction tells too few points of the triangle apart, and the two densities are nearly the same.
+inline constexpr float kLeastSolidAngle = 1e-4f;
+
+// The triangle seen from a point: unit vectors p, q, r to its vertices, and the terms of
+// tan(solid angle / 2) = triple / (sides + base).
+// Method: A. van Oosterom and J. Strackee, "The Solid Angle of a Plane Triangle", IEEE Transactions
+// on Biomedical Engineering 30(2), 1983. All in double: the triple product of a small triangle is a
+// small difference.
+struct SphericalTriangle {
+  DVec3 p, q, r;
+  double triple;  // |p . (q x r)|
+  double sides;   // p.r + q.r
+  double base;    // 1 + p.q
+  float solid_angle;
+};
+
+inline SphericalTriangle seen_from(const Triangle& t, Vec3 from) {
+  SphericalTriangle s;
+  s.p = normalize(difference(t.vertex[0], from));
+  s.q = normalize(difference(t.vertex[1], from));
+  s.r = normalize(difference(t.vertex[2], from));
+  const double triple = dot(s.p, cross(s.q - s.p, s.r - s.p));
+  s.triple = abs(triple);
+  s.sides = dot(s.p, s.r) + dot(s.q, s.r);
+  s.base = 1.0 + dot(s.p, s.q);
+  s.solid_angle = 2.0f * atan2(static_cast<float>(s.triple), static_cast<float>(s.sides + s.base));
+  return s;
+}
+
+// Within the spherical triangle, equally likely everywhere. u.x picks the great circle from q that
+// leaves that share of the area on p's side, u.y the place on it: J. Arvo, "Stratified Sampling of
+// Spherical Triangles", SIGGRAPH 1995. That circle meets the side p r in w. The formula above, for
+// p, q, w, is linear in the vector half way from p to w; solved for it, w needs neither angles nor
+// cases: C. Peters, "BRDF Importance Sampling for Polygonal Lights", ACM TOG 40(4), 2021, section
+// on triangles.
+inline DVec3 direction_within(const SphericalTriangle& s, Vec2 u) {
+  const CosSin half = cos_sin_turns(u.x * s.solid_angle * (0.25f / kPi));
+  const DVec3 middle = s.p * (s.triple * half.c - s.sides * half.s) + s.r * (s.base * half.s);
+  const DVec3 w = middle * (2.0 * dot(s.p, middle) / dot(middle, middle)) - s.p;
+  // Of the cosine of the angle from q, 1 - cosine is uniform.
+  const double whole = dot(s.q, w);
+  const double cosine = 1.0 - (1.0 - whole) * u.y;
+  const double part = compiler::sqrt(u.y * (1.0 + cosine) / (1.0 + whole));
+  return normalize(s.q * (cosine - part * whole) + w * part);
+}
+
+PH_INLINE float pdf_towards(const Triangle& t, Vec3 from, Vec3 direction, float distance,
+                            Vec3 normal) {
+  const float solid_angle = seen_from(t, from).solid_angle;
+  if (solid_angle > kLeastSolidAngle) return 1.0f / solid_angle;
+  return pdf_by_area(area(t), direction, distance, normal);
+}
+
+inline TowardsSample sample_towards(const Triangle& t, Vec3 from, Vec2 u) {
+  const DVec3 n = doubled_area(t);
+  const double n2 = dot(n, n);
+  const DVec3 to_first = difference(t.vertex[0], from);
+  const double height = dot(n, to_first);
+  if (!(n2 > 0.0) || height == 0.0) return kNowhere;  // a line, or seen edge-on
+  const DVec3 e1 = difference(t.vertex[1], t.vertex[0]);
+  const DVec3 e2 = difference(t.vertex[2], t.vertex[0]);
+  const SphericalTriangle seen = seen_from(t, from);
+  DVec3 way;
+  double b, c;
+  if (seen.solid_angle > kLeastSolidAngle) {
+    const DVec3 d = direction_within(seen, u);
+    way = d * (height / dot(n, d));
+    const DVec3 q = way - to_first;
+    b = clamp(dot(n, cross(q, e2)) / n2, 0.0, 1.0);
+    c = clamp(dot(n, cross(e1, q)) / n2, 0.0, 1.0 - b);
+  } else {
+    const float root = sqrt(u.x);
+    c = root * u.y;
+    b = root - c;
+    way = to_first + e1 * b + e2 * c;
+  }
+  TowardsSample s = towards(way, to_float(n * (1.0 / compiler::sqrt(n2))),
+                            {static_cast<float>(b), static_cast<float>(c)});
+  s.pdf = pdf_towards(t, from, s.direction, s.distance, s.normal);
+  return checked(s);
+}
+
+}  // namespace parhelion::PH_ISA
