@@ -1,0 +1,79 @@
+// Cells of a grid, picked in proportion to weights: first a row, then a column in it.
+//
+// Cumulative weights are whole numbers of 2^-32, near enough: every cell with a weight has at least
+// one, sums are exact, and the density is that of what is sampled, bit for bit. The mapping from
+// the unit square is monotonous along both axes, so stratified points stay stratified.
+#pragma once
+#include "math.h"
+
+namespace parhelion {
+
+// The whole; a share s of it is s / kDistributionWhole.
+inline constexpr u32 kDistributionWhole = 0xffffffffu;
+
+struct Distribution {
+  const u32* rows;     // by row: where its share begins
+  const u32* columns;  // by row and column: where its share of the row begins
+  u32 width, height;
+};
+
+}  // namespace parhelion
+
+namespace parhelion::PH_ISA {
+
+struct CellSample {
+  u32 x, y;
+  Vec2 u;  // new uniform numbers
+  float probability;
+};
+
+PH_INLINE u32 share_end(const u32* starts, u32 count, u32 i) {
+  return i + 1 < count ? starts[i + 1] : kDistributionWhole;
+}
+PH_INLINE float share_of(const u32* starts, u32 count, u32 i) {
+  return static_cast<float>(share_end(starts, count, i) - starts[i]) * 0x1p-32f;
+}
+
+// The cell in which u falls, and its place within as a new uniform number.
+PH_INLINE u32 pick_share(const u32* starts, u32 count, float u, float& rest) {
+  const u64 fraction = static_cast<u64>(u * 0x1p24f);
+  const u32 place = static_cast<u32>(fraction * kDistributionWhole >> 24);
+  u32 low = 0, high = count;  // starts[low] <= place < starts[high]
+  while (high - low > 1) {
+    const u32 middle = low + (high - low) / 2;
+    if (starts[middle] <= place) {
+      low = middle;
+    } else {
+      high = middle;
+    }
+  }
+  const u32 size = share_end(starts, count, low) - starts[low];
+  rest = min(static_cast<float>(place - starts[low]) / static_cast<float>(size), 0x1.fffffep-1f);
+  return low;
+}
+
+PH_INLINE CellSample sample_cell(const Distribution& d, Vec2 u) {
+  CellSample s;
+  s.y = pick_share(d.rows, d.height, u.y, s.u.y);
+  const u32* row = d.columns + static_cast<u64>(s.y) * d.width;
+  s.x = pick_share(row, d.width, u.x, s.u.x);
+  s.probability = share_of(d.rows, d.height, s.y) * share_of(row, d.width, s.x);
+  return s;
+}
+
+PH_INLINE float cell_probability(const Distribution& d, u32 x, u32 y) {
+  const u32* row = d.columns + static_cast<u64>(y) * d.width;
+  return share_of(d.rows, d.height, y) * share_of(row, d.width, x);
+}
+
+// A number in [0, 1) whose density goes linearly from a to b, not negative, up to a factor.
+PH_INLINE float sample_linear(float a, float b, float u) {
+  if (!(a + b > 0.0f)) return u;
+  const float root = sqrt(a * a + (b * b - a * a) * u);  // of the quadratic's discriminant
+  return min(u * (a + b) / (a + root), 0x1.fffffep-1f);
+}
+PH_INLINE float linear_pdf(float a, float b, float x) {
+  return a + b > 0.0f ? 2.0f * (a + (b - a) * x) / (a + b) : 1.0f;
+}
+
+}  // namespace parhelion::PH_ISA

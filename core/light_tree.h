@@ -1,0 +1,163 @@
+// Which of many lights to ask, in time that grows with the logarithm of their number: a tree of
+// clusters, each with bounds on where its lights lie and where they shine, descended by choosing a
+// child in proportion to what it may at most send to the point.
+// Method: A. Conty Estevez and C. Kulla, "Importance Sampling of Many Lights with Adaptive Tree
+// Splitting", PACMCGIT 1(2), 2018; the importance in cosines, without angles: M. Pharr, W. Jakob
+// and G. Humphreys, "Physically Based Rendering", 4th edition, section 12.6.3. Ours has sixteen
+// children a node, all weighed at once.
+//
+// A cluster is a sphere around its lights; `axis` and cos_o bound their normals, and cos_e how far
+// from its normal a light shines. Angles are handled as cosine and sine. Lights on the horizon of
+// the receiver, or that see it on theirs, keep a small importance: rounding must not lose one that
+// does contribute. Where every child of a chosen cluster is dark no light is chosen.
+#pragma once
+#include "simd.h"
+
+namespace parhelion {
+
+// Bit set in a child: it is a light. Else it is another node.
+inline constexpr u32 kLightBit = 1u << 31;
+// Levels of nodes at most; the builder keeps to it.
+inline constexpr int kMaxLightDepth = 16;
+
+// Sixteen clusters or lights. Lengths in normalised units; power as a share of the scene's, 0 in
+// unused lanes.
+struct alignas(64) LightNode {
+  float x[16], y[16], z[16], radius[16];
+  float axis_x[16], axis_y[16], axis_z[16], cos_o[16], cos_e[16];
+  float power[16];
+  u32 child[16];
+};
+
+// A slot is a place in the tree: the node's index times sixteen plus the lane.
+struct LightTreeView {
+  const LightNode* nodes;   // the root first
+  const u32* slot_of_node;  // where it hangs; kNone for the root
+  const u32* slot_of_light;
+  u32 light_count;
+};
+
+struct LightChoice {
+  u32 light;  // kNone if no light can reach the point
+  float probability;
+  float u;  // a new uniform number, independent of the choice
+};
+
+}  // namespace parhelion
+
+namespace parhelion::PH_ISA {
+
+// Cosines this far beyond a bound still count. Cosines near 1 and their sines, kept in float, place
+// an angle no better than sqrt(2^-23) = 3.5e-4.
+inline constexpr float kConeSlack = 1e-3f;
+// Floor of a squared distance, so that its inverse is finite; far below what tells points apart.
+inline constexpr float kNearest2 = 1e-36f;
+
+struct LaneAngle {
+  Lanes c, s;
+};
+
+// a - b, or 0 where b is larger; both within [0, pi].
+PH_INLINE LaneAngle shrink(const LaneAngle& a, const LaneAngle& b) {
+  const LaneMask within = b.c < a.c;
+  const Lanes zero = all(0.0f);
+  return {select(within, all(1.0f), a.c * b.c + a.s * b.s),
+          select(within, zero, max(a.s * b.c - a.c * b.s, zero))};
+}
+
+PH_INLINE LaneAngle angle_of(const Lanes& cosine) {
+  return {cosine, sqrt(max(all(1.0f) - cosine * cosine, all(0.0f)))};
+}
+
+// What each child of a node may send to a point. With a normal, only from its side of the surface;
+// with none (0, 0, 0), as in a medium or where light passes through, from anywhere. Returns the
+// sum.
+PH_INLINE float light_weights(const LightNode& node, Vec3 from, Vec3 normal, float (&weight)[16]) {
+  const Lanes zero = all(0.0f), slack = all(kConeSlack);
+  const Lanes dx = load(node.x) - all(from.x);
+  const Lanes dy = load(node.y) - all(from.y);
+  const Lanes dz = load(node.z) - all(from.z);
+  const Lanes distance2 = max(dx * dx + dy * dy + dz * dz, all(kNearest2));
+  const Lanes inverse = all(1.0f) / sqrt(distance2);
+  const Lanes radius = load(node.radius);
+  const Lanes radius2 = radius * radius;
+
+  // Half the angle that the cluster takes in the point's view; from within, every direction.
+  const LaneMask outside = radius2 < distance2;
+  const Lanes sine_b = select(outside, radius * inverse, zero);
+  const LaneAngle b = {select(outside, sqrt(max(all(1.0f) - sine_b * sine_b, zero)), all(-1.0f)),
+                       sine_b};
+
+  // The least angle at which any of the cluster's lights is seen from its front.
+  const Lanes toward =
+      (zero - (load(node.axis_x) * dx + load(node.axis_y) * dy + load(node.axis_z) * dz)) * inverse;
+  const LaneAngle w = angle_of(max(all(-1.0f), min(toward, all(1.0f))));
+  const Lanes leaving = shrink(shrink(w, angle_of(load(node.cos_o))), b).c;
+  Lanes value = load(node.power) * max(leaving, slack) / max(distance2, radius2);
+  value = select(load(node.cos_e) - slack <= leaving, value, zero);
+  if (!black(normal)) {
+    const Lanes facing = (all(normal.x) * dx + all(normal.y) * dy + all(normal.z) * dz) * inverse;
+    const LaneAngle i = angle_of(max(all(-1.0f), min(facing, all(1.0f))));
+    const Lanes arriving = shrink(i, b).c;
+    value = select(zero - slack <= arriving, value * max(arriving, slack), zero);
+  }
+  store(weight, value);
+  float sum = 0.0f;
+  for (int k = 0; k < 16; ++k) sum = sum + weight[k];
+  return sum;
+}
+
+// Chooses a light. The two numbers are the upper and the lower half of one of 48 bits: among a
+// million lights a choice uses 20 bits, and what is left of 24 could no longer tell neighbours'
+// probabilities apart, let alone be used again.
+inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 normal, Vec2 u) {
+  const LightChoice nothing = {kNone, 0.0f, 0.0f};
+  if (tree.light_count == 0) return nothing;
+  double rest = static_cast<double>(u.x) + static_cast<double>(u.y) * 0x1p-24;
+  float share[kMaxLightDepth];
+  int depth = 0;
+  u32 index = 0;
+  for (;;) {
+    const LightNode& node = tree.nodes[index];
+    float weight[16];
+    const float sum = light_weights(node, from, normal, weight);
+    if (!(sum > 0.0f)) return nothing;
+    // The last lane that has a weight takes what rounding leaves over.
+    const double target = rest * static_cast<double>(sum);
+    double before = 0.0, at = 0.0;
+    u32 lane = 0;
+    for (u32 k = 0; k < 16; ++k) {
+      if (weight[k] == 0.0f) continue;
+      lane = k;
+      at = before;
+      before += static_cast<double>(weight[k]);
+      if (target < before) break;
+    }
+    rest = (target - at) / static_cast<double>(weight[lane]);
+    rest = rest < 1.0 ? rest : 1.0 - 0x1p-53;
+    share[depth++] = weight[lane] / sum;
+    const u32 child = node.child[lane];
+    if (child & kLightBit) {
+      float probability = 1.0f;
+      while (depth > 0) probability *= share[--depth];
+      return {child & ~kLightBit, probability, min(static_cast<float>(rest), 0x1.fffffep-1f)};
+    }
+    index = child;
+  }
+}
+
+// The probability with which choose_light takes a light: the same bits, being the same product
+// taken in the same order, from the light up.
+inline float light_probability(const LightTreeView& tree, u32 light, Vec3 from, Vec3 normal) {
+  float probability = 1.0f;
+  for (u32 slot = tree.slot_of_light[light]; slot != kNone; slot = tree.slot_of_node[slot >> 4]) {
+    float weight[16];
+    const float sum = light_weights(tree.nodes[slot >> 4], from, normal, weight);
+    const float w = weight[slot & 15u];
+    if (!(w > 0.0f)) return 0.0f;
+    probability *= w / sum;
+  }
+  return probability;
+}
+
+}  // namespace parhelion::PH_ISA

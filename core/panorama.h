@@ -1,0 +1,151 @@
+// Images of all directions, and how to sample them in proportion to their luminance.
+//
+// Latitude and longitude: rows are angles from +y, the first row's texels lying at the pole itself
+// and the last row's at the other; columns go around from -z over +x, half a texel on. Between
+// texel centres the image is bilinear. That is how Mitsuba lays its environments out. The cells of
+// the distribution lie between four texel centres, their weight the mean luminance times the solid
+// angle; within a cell the bilinear luminance is sampled exactly.
+//
+// Equal area: a square onto which the sphere is unfolded as an octahedron such that every texel
+// takes the same solid angle; +z in its middle, -z in its corners. Texels are constant, each a cell
+// of the distribution, as in pbrt-v4.
+// Method: P. Clarberg, "Fast Equal-Area Mapping of the (Hemi)Sphere using SIMD", JGT 13(3), 2008.
+#pragma once
+#include "distribution.h"
+#include "image.h"
+
+namespace parhelion::PH_ISA {
+
+// Longitude and colatitude as shares of 2 pi and pi.
+PH_INLINE Vec3 from_latlong(Vec2 p) {
+  const CosSin longitude = cos_sin_turns(p.x), colatitude = cos_sin_turns(0.5f * p.y);
+  return {longitude.s * colatitude.s, colatitude.c, -longitude.c * colatitude.s};
+}
+PH_INLINE Vec2 to_latlong(Vec3 d) {
+  const float u = atan2(d.x, -d.z) * (0.5f / kPi);
+  // From the tangent, because acos is blunt near the poles.
+  const float v = atan2(sqrt(d.x * d.x + d.z * d.z), d.y) * (1.0f / kPi);
+  return {u < 0.0f ? min(u + 1.0f, 1.0f) : u, v};
+}
+
+PH_INLINE Vec3 from_equal_area(Vec2 p) {
+  const float u = 2.0f * p.x - 1.0f, v = 2.0f * p.y - 1.0f;
+  const float a = abs(u), b = abs(v);
+  const float above = 1.0f - (a + b);  // signed distance from the fold, where z is 0
+  const float r = 1.0f - abs(above);
+  const CosSin azimuth = cos_sin_turns(r > 0.0f ? 0.125f * ((b - a) / r + 1.0f) : 0.125f);
+  const float size = r * safe_sqrt(2.0f - r * r);
+  return {copysign(azimuth.c * size, u), copysign(azimuth.s * size, v),
+          copysign(1.0f - r * r, above)};
+}
+PH_INLINE Vec2 to_equal_area(Vec3 d) {
+  const float a = abs(d.x), b = abs(d.y), c = abs(d.z);
+  // 1 - |z| from the sine where z is near 1.
+  const float r = sqrt(min((a * a + b * b) / (1.0f + c), 1.0f));
+  const float across = r * atan2(b, a) * (2.0f / kPi);
+  float u = r - across, v = across;
+  if (d.z < 0.0f) {
+    const float swap = 1.0f - u;
+    u = 1.0f - v;
+    v = swap;
+  }
+  return {0.5f * (copysign(u, d.x) + 1.0f), 0.5f * (copysign(v, d.y) + 1.0f)};
+}
+
+// A cell of a latitude-longitude image, its four corners, and a place in it.
+struct LatLongCell {
+  u32 x, y;
+  Vec2 place;
+  Vec3 corner[2][2];  // by row and column
+};
+
+PH_INLINE u32 latlong_rows(const ImageView& image) {
+  return image.height > 1 ? image.height - 1 : 1;
+}
+
+PH_INLINE LatLongCell latlong_cell(const ImageView& image, u32 x, u32 y, Vec2 place) {
+  const u32 right = x + 1 < image.width ? x + 1 : 0;
+  const u32 lower = y + 1 < image.height ? y + 1 : y;
+  return {x,
+          y,
+          place,
+          {{fetch(image, 0, x, y).rgb, fetch(image, 0, right, y).rgb},
+           {fetch(image, 0, x, lower).rgb, fetch(image, 0, right, lower).rgb}}};
+}
+
+PH_INLINE LatLongCell latlong_cell_at(const ImageView& image, Vec3 direction) {
+  const Vec2 p = to_latlong(direction);
+  const u32 rows = latlong_rows(image);
+  float x = p.x * static_cast<float>(image.width) - 0.5f;
+  if (x < 0.0f) x += static_cast<float>(image.width);
+  const float y = p.y * static_cast<float>(rows);
+  const u32 column = static_cast<u32>(x), row = static_cast<u32>(y);
+  const u32 i = column < image.width ? column : image.width - 1, j = row < rows ? row : rows - 1;
+  return latlong_cell(image, i, j,
+                      {min(x - static_cast<float>(i), 1.0f), min(y - static_cast<float>(j), 1.0f)});
+}
+
+PH_INLINE Vec3 latlong_color(const LatLongCell& c) {
+  const Vec3 upper = c.corner[0][0] * (1.0f - c.place.x) + c.corner[0][1] * c.place.x;
+  const Vec3 lower = c.corner[1][0] * (1.0f - c.place.x) + c.corner[1][1] * c.place.x;
+  return upper * (1.0f - c.place.y) + lower * c.place.y;
+}
+
+// Mean luminance of a cell, by which the host weighs it, times 4.
+PH_INLINE float latlong_weight(const LatLongCell& c) {
+  return (luminance(c.corner[0][0]) + luminance(c.corner[0][1])) +
+         (luminance(c.corner[1][0]) + luminance(c.corner[1][1]));
+}
+
+// Per steradian, of a place in a cell that is picked with the given probability.
+PH_INLINE float latlong_pdf(const ImageView& image, const LatLongCell& c, float probability) {
+  const float sum = latlong_weight(c);
+  const float relative = sum > 0.0f ? 4.0f * luminance(latlong_color(c)) / sum : 1.0f;
+  const float rows = static_cast<float>(latlong_rows(image));
+  const float sine = cos_sin_turns(0.5f * ((static_cast<float>(c.y) + c.place.y) / rows)).s;
+  if (!(sine > 0.0f)) return 0.0f;
+  return probability * relative * (static_cast<float>(image.width) * rows) /
+         (2.0f * kPi * kPi * sine);
+}
+
+struct PanoramaSample {
+  Vec3 direction;
+  Vec3 color;
+  float pdf;
+};
+
+PH_INLINE PanoramaSample sample_latlong(const ImageView& image, const Distribution& d, Vec2 u) {
+  const CellSample s = sample_cell(d, u);
+  LatLongCell c = latlong_cell(image, s.x, s.y, {0.0f, 0.0f});
+  const float left = luminance(c.corner[0][0]) + luminance(c.corner[1][0]);
+  const float right = luminance(c.corner[0][1]) + luminance(c.corner[1][1]);
+  const float x = sample_linear(left, right, s.u.x);
+  const float upper = luminance(c.corner[0][0]) * (1.0f - x) + luminance(c.corner[0][1]) * x;
+  const float lower = luminance(c.corner[1][0]) * (1.0f - x) + luminance(c.corner[1][1]) * x;
+  c.place = {x, sample_linear(upper, lower, s.u.y)};
+  const float u_place =
+      (static_cast<float>(c.x) + c.place.x + 0.5f) / static_cast<float>(image.width);
+  const Vec2 p = {u_place < 1.0f ? u_place : u_place - 1.0f,
+                  (static_cast<float>(c.y) + c.place.y) / static_cast<float>(latlong_rows(image))};
+  return {from_latlong(p), latlong_color(c), latlong_pdf(image, c, s.probability)};
+}
+
+PH_INLINE PanoramaSample sample_equal_area(const ImageView& image, const Distribution& d, Vec2 u) {
+  const CellSample s = sample_cell(d, u);
+  const float w = static_cast<float>(image.width), h = static_cast<float>(image.height);
+  const Vec2 p = {(static_cast<float>(s.x) + s.u.x) / w, (static_cast<float>(s.y) + s.u.y) / h};
+  return {from_equal_area(p), fetch(image, 0, s.x, s.y).rgb,
+          s.probability * (w * h) / (4.0f * kPi)};
+}
+
+struct TexelPlace {
+  u32 x, y;
+};
+PH_INLINE TexelPlace equal_area_texel(const ImageView& image, Vec3 direction) {
+  const Vec2 p = to_equal_area(direction);
+  const u32 x = static_cast<u32>(p.x * static_cast<float>(image.width));
+  const u32 y = static_cast<u32>(p.y * static_cast<float>(image.height));
+  return {x < image.width ? x : image.width - 1, y < image.height ? y : image.height - 1};
+}
+
+}  // namespace parhelion::PH_ISA

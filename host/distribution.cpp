@@ -1,0 +1,79 @@
+#include "distribution.h"
+
+#include <cmath>
+#include <cstddef>
+
+#include "../core/panorama.h"
+
+namespace parhelion {
+namespace {
+
+double usable(double weight) { return weight > 0.0 && std::isfinite(weight) ? weight : 0.0; }
+
+// Where each of n shares of the whole begins. One unit is set aside for every positive weight, so
+// that none is lost beside a much larger one. Returns the sum of the weights.
+double set_starts(const double* weights, size_t n, u32* starts) {
+  double sum = 0.0;
+  size_t positive = 0;
+  for (size_t i = 0; i < n; ++i) {
+    const double w = usable(weights[i]);
+    sum += w;
+    positive += w > 0.0;
+  }
+  const double scale =
+      sum > 0.0 ? static_cast<double>(kDistributionWhole - static_cast<u32>(positive)) / sum : 0.0;
+  double before = 0.0;
+  u32 reserved = 0;
+  for (size_t i = 0; i < n; ++i) {
+    starts[i] = static_cast<u32>(before * scale) + reserved;
+    const double w = usable(weights[i]);
+    before += w;
+    reserved += w > 0.0;
+  }
+  return sum;
+}
+
+}  // namespace
+
+DistributionTable::DistributionTable(u32 width, u32 height, const std::vector<double>& weights)
+    : width_(width), height_(height), rows_(height), columns_(weights.size()) {
+  std::vector<double> row(height);
+  const double* const w = weights.data();
+#pragma omp parallel for schedule(static)
+  for (size_t y = 0; y < height; ++y) {
+    row[y] = set_starts(w + y * width, width, columns_.data() + y * width);
+  }
+  if (set_starts(row.data(), height, rows_.data()) > 0.0) return;
+  const std::vector<double> same(width > height ? width : height, 1.0);
+  for (size_t y = 0; y < height; ++y) set_starts(same.data(), width, columns_.data() + y * width);
+  set_starts(same.data(), height, rows_.data());
+}
+
+DistributionTable latlong_distribution(const ImageView& image) {
+  const u32 rows = baseline::latlong_rows(image);
+  std::vector<double> weights(static_cast<size_t>(image.width) * rows);
+#pragma omp parallel for schedule(static)
+  for (u32 y = 0; y < rows; ++y) {
+    const double solid_angle = baseline::cos_pi(static_cast<double>(y) / rows) -
+                               baseline::cos_pi(static_cast<double>(y + 1) / rows);
+    for (u32 x = 0; x < image.width; ++x) {
+      weights[static_cast<size_t>(y) * image.width + x] =
+          solid_angle * baseline::latlong_weight(baseline::latlong_cell(image, x, y, {0, 0}));
+    }
+  }
+  return DistributionTable(image.width, rows, weights);
+}
+
+DistributionTable equal_area_distribution(const ImageView& image) {
+  std::vector<double> weights(static_cast<size_t>(image.width) * image.height);
+#pragma omp parallel for schedule(static)
+  for (u32 y = 0; y < image.height; ++y) {
+    for (u32 x = 0; x < image.width; ++x) {
+      weights[static_cast<size_t>(y) * image.width + x] =
+          baseline::luminance(baseline::fetch(image, 0, x, y).rgb);
+    }
+  }
+  return DistributionTable(image.width, image.height, weights);
+}
+
+}  // namespace parhelion

@@ -1,0 +1,28 @@
+// Building the distributions that core/distribution.h samples.
+#pragma once
+#include <cstddef>
+#include <vector>
+
+#include "../core/distribution.h"
+#include "../core/image.h"
+
+namespace parhelion {
+
+class DistributionTable {
+ public:
+  // Weights by rows; those that are not positive and finite count as 0, and if all do, as 1.
+  DistributionTable(u32 width, u32 height, const std::vector<double>& weights);
+
+  Distribution view() const { return {rows_.data(), columns_.data(), width_, height_}; }
+  std::size_t memory() const { return (rows_.size() + columns_.size()) * sizeof(u32); }
+
+ private:
+  u32 width_, height_;
+  std::vector<u32> rows_, columns_;
+};
+
+// Of an environment's image, its luminance times solid angle: see core/panorama.h.
+DistributionTable latlong_distribution(const ImageView& image);
+DistributionTable equal_area_distribution(const ImageView& image);
+
+}  // namespace parhelion
