@@ -46,7 +46,6 @@ nb::object make_array(std::vector<size_t> shape, T*& data) {
   return nb::cast(nb::ndarray<nb::numpy, T>(data, shape.size(), shape.data(), owner));
 }
 
-Vec3 to_vec3(const Triple& v) { return {v[0], v[1], v[2]}; }
 const Vec3* vectors(const FloatRows& a) { return reinterpret_cast<const Vec3*>(a.data()); }
 
 // --- The lists of the core ---------------------------------------------------------------------
@@ -64,6 +63,7 @@ nb::dict describe(const char* name) {
     d["low"] = p.low;
     d["high"] = p.high;
     d["doc"] = p.doc;
+    d["choices"] = p.choices ? p.choices : "";
     params.append(d);
   }
   nb::dict d;
@@ -73,17 +73,48 @@ nb::dict describe(const char* name) {
   return d;
 }
 
+template <class Entry>
+constexpr bool takes_image() {
+  if constexpr (requires { Entry::has_image; }) {
+    return Entry::has_image;
+  } else {
+    return false;
+  }
+}
+
 nb::dict tables() {
-  nb::list materials, backgrounds, samplers, filters, warps, shapes;
-#define MATERIAL(name, Type) materials.append(describe<baseline::Type>(#name));
+  nb::list materials, textures, lights, cameras, samplers, filters, warps, shapes;
+#define MATERIAL(name, Type)                               \
+  {                                                        \
+    nb::dict d = describe<baseline::Type>(#name);          \
+    d["transmits"] = baseline::kTransmits<baseline::Type>; \
+    materials.append(d);                                   \
+  }
 #include "../core/materials.def"
 #undef MATERIAL
-#define LIGHT(name, Type) backgrounds.append(describe<baseline::Type>(#name));
+#define TEXTURE(name, Type)                       \
+  {                                               \
+    nb::dict d = describe<baseline::Type>(#name); \
+    d["image"] = takes_image<baseline::Type>();   \
+    textures.append(d);                           \
+  }
+#include "../core/textures.def"
+#undef TEXTURE
+#define LIGHT(name, Type)                         \
+  {                                               \
+    nb::dict d = describe<baseline::Type>(#name); \
+    d["image"] = takes_image<baseline::Type>();   \
+    d["outside"] = baseline::Type::outside;       \
+    lights.append(d);                             \
+  }
 #include "../core/lights.def"
 #undef LIGHT
 #define SHAPE(name, Type) shapes.append(#name);
 #include "../core/shapes.def"
 #undef SHAPE
+#define CAMERA(name, Type) cameras.append(#name);
+#include "../core/cameras.def"
+#undef CAMERA
   const auto row = [](const char* name, const char* doc) {
     nb::dict d;
     d["name"] = name;
@@ -111,7 +142,9 @@ nb::dict tables() {
 #undef WARP
   nb::dict all;
   all["materials"] = materials;
-  all["backgrounds"] = backgrounds;
+  all["textures"] = textures;
+  all["lights"] = lights;
+  all["cameras"] = cameras;
   all["shapes"] = shapes;
   all["samplers"] = samplers;
   all["filters"] = filters;
@@ -139,42 +172,215 @@ bool is_double(const AnyArray& a, const char* name) {
   throw nb::type_error((std::string(name) + " must be float32 or float64").c_str());
 }
 
-// (name, centers, radii, material index or (N,) uint32, colors or None)
-using GroupTuple = std::tuple<std::string, AnyArray, AnyArray, u32, std::optional<Indices>,
-                              std::optional<FloatRows>>;
+// The entries of a dict as flatten.py makes them; what may be absent is looked for first.
+template <class T>
+T get(const nb::dict& d, const char* key) {
+  return nb::cast<T>(d[key]);
+}
+template <class T>
+T get(const nb::dict& d, const char* key, T otherwise) {
+  return d.contains(key) ? nb::cast<T>(d[key]) : otherwise;
+}
 
-SphereGroup to_group(const GroupTuple& t) {
-  const auto& [name, centers, radii, material, material_of, colors] = t;
-  SphereGroup g;
-  g.name = name;
-  if (centers.ndim() != 2 || centers.shape(1) != 3) throw nb::type_error("centers must be (N, 3)");
-  g.count = centers.shape(0);
-  g.centers = centers.data();
-  g.centers_double = is_double(centers, "centers");
-  g.radii = radii.data();
-  g.radii_double = is_double(radii, "radii");
-  g.one_radius = radii.ndim() == 0;
-  if (!g.one_radius && (radii.ndim() != 1 || radii.shape(0) != g.count)) {
-    throw nb::type_error("radii must be (N,) or a single number");
+// The rows of an array, or of one that is the same for all.
+Numbers to_numbers(const char* name, const AnyArray& a, int columns, size_t rows) {
+  Numbers n;
+  n.name = name;
+  n.data = a.data();
+  n.is_double = is_double(a, name);
+  n.columns = columns;
+  n.one = columns == 1 && a.ndim() == 0;
+  const bool fits = n.one || (a.ndim() >= 1 && a.shape(0) == rows &&
+                              a.size() == rows * static_cast<size_t>(columns));
+  if (!fits) throw nb::type_error((std::string(name) + " has the wrong shape").c_str());
+  return n;
+}
+
+template <class T>
+const T* exact(const nb::dict& d, const char* key, size_t size) {
+  if (!d.contains(key)) return nullptr;
+  const auto a = nb::cast<nb::ndarray<const T, nb::c_contig, nb::device::cpu>>(d[key]);
+  if (a.size() != size) throw nb::type_error((std::string(key) + " has the wrong size").c_str());
+  return a.data();
+}
+
+// kind -> the arrays of its primitives, in order, and the numbers in a row of each.
+struct ArraySpec {
+  const char* name;
+  int columns;
+};
+std::vector<ArraySpec> arrays_of(ShapeKind kind) {
+  switch (kind) {
+    case ShapeKind::sphere: return {{"centers", 3}, {"radii", 1}};
+    case ShapeKind::triangle: return {{"vertices", 3}};
+    case ShapeKind::disk: return {{"centers", 3}, {"axis_u", 3}, {"axis_v", 3}};
+    case ShapeKind::cylinder: return {{"starts", 3}, {"ends", 3}, {"axis_u", 3}, {"radii", 1}};
+    case ShapeKind::curve: return {{"points", 12}, {"radii", 4}, {"along", 2}, {"flags", 1}};
+    case ShapeKind::instance: return {};
   }
-  g.material = material;
-  if (material_of) {
-    if (material_of->shape(0) != g.count) throw nb::type_error("material must be (N,)");
-    g.material_of = material_of->data();
+  return {};
+}
+
+ShapeKind shape_kind(const std::string& name) {
+#define SHAPE(id, Type) \
+  if (name == #id) return ShapeKind::id;
+#include "../core/shapes.def"
+#undef SHAPE
+  if (name == "instance") return ShapeKind::instance;
+  throw SceneError("unknown kind of shape '" + name + "'");
+}
+
+ShapeInput to_shape(const nb::dict& d) {
+  ShapeInput s;
+  s.kind = shape_kind(get<std::string>(d, "kind"));
+  s.name = get<std::string>(d, "name");
+  s.count = get<size_t>(d, "count");
+  if (s.kind == ShapeKind::instance) {
+    s.group = get<u32>(d, "group");
+    s.transforms = exact<double>(d, "transforms", 12 * s.count);
+    return s;
   }
-  if (colors) {
-    if (colors->shape(0) != g.count) throw nb::type_error("colors must be (N, 3)");
-    g.colors = colors->data();
+  s.faces = exact<u32>(d, "faces", 3 * s.count);
+  size_t rows = s.count;
+  if (s.faces) rows = s.vertex_count = nb::cast<AnyArray>(d["vertices"]).shape(0);
+  for (const ArraySpec& spec : arrays_of(s.kind)) {
+    s.arrays.push_back(to_numbers(spec.name, nb::cast<AnyArray>(d[spec.name]), spec.columns, rows));
   }
-  return g;
+  s.material = get<u32>(d, "material");
+  s.material_of = exact<u32>(d, "material_of", s.count);
+  s.colors = exact<float>(d, "colors", 3 * s.count);
+  s.inside_out = get<bool>(d, "inside_out", false);
+  if (const float* r = exact<float>(d, "rotation", 9)) std::copy(r, r + 9, s.rotation);
+  s.normals = exact<float>(d, "normals", 3 * s.vertex_count);
+  s.uvs = exact<float>(d, "uvs", 2 * s.vertex_count);
+  if (d.contains("attributes")) {
+    for (nb::handle h : nb::cast<nb::list>(d["attributes"])) {
+      const nb::dict a = nb::cast<nb::dict>(h);
+      AttributeInput input{};
+      input.name = get<u32>(a, "name");
+      input.per_face = get<bool>(a, "per_face");
+      input.components = get<u32>(a, "components");
+      input.rows = input.per_face ? s.count : s.vertex_count;
+      input.values = exact<float>(a, "values", input.rows * input.components);
+      s.attributes.push_back(input);
+    }
+  }
+  return s;
+}
+
+Vec3 to_vec3(const Triple& v) { return {v[0], v[1], v[2]}; }
+
+TextureBinding to_binding(const nb::dict& d) {
+  return {get<u32>(d, "texture"), get<u32>(d, "offset"), get<u32>(d, "size"),
+          get<u32>(d, "channel")};
+}
+
+constexpr TextureBinding kNoTexture = {kNone, 0, 0, 0};
+
+MaterialRecord to_material(const nb::dict& d, std::vector<TextureBinding>& bindings) {
+  MaterialRecord m{};
+  m.block = to_block(get<BlockTuple>(d, "block"));
+  m.first_binding = static_cast<u32>(bindings.size());
+  for (nb::handle h : nb::cast<nb::list>(d["bindings"])) {
+    bindings.push_back(to_binding(nb::cast<nb::dict>(h)));
+    ++m.binding_count;
+  }
+  const auto texture = [&](const char* key) {
+    return d.contains(key) ? to_binding(nb::cast<nb::dict>(d[key])) : kNoTexture;
+  };
+  m.emission = to_vec3(get<Triple>(d, "emission"));
+  m.emission_texture = texture("emission_texture").texture;
+  m.opacity = get<float>(d, "opacity");
+  m.opacity_texture = texture("opacity_texture");
+  m.normal_map = texture("normal_map").texture;
+  m.bump_map = texture("bump_map").texture;
+  m.bump_scale = 1.0f;
+  m.blend_first = get<u32>(d, "blend_first", kNone);
+  m.blend_second = get<u32>(d, "blend_second", kNone);
+  m.blend_weight = get<float>(d, "blend_weight", 0.0f);
+  m.blend_texture = texture("blend_texture");
+  m.back = get<u32>(d, "back");
+  m.priority = get<u32>(d, "priority");
+  m.absorption = to_vec3(get<Triple>(d, "absorption"));
+  m.emits_back = get<bool>(d, "emits_back");
+  m.uses_uv = get<bool>(d, "uses_uv");
+  return m;
+}
+
+TextureRecord to_texture(const nb::dict& d) {
+  TextureRecord t{};
+  t.block = to_block(get<BlockTuple>(d, "block"));
+  const auto to_uv = get<std::array<float, 6>>(d, "to_uv");
+  std::copy(to_uv.begin(), to_uv.end(), t.to_uv);
+  t.image = get<u32>(d, "image", kNone);
+  return t;
+}
+
+ImageInput to_image(const nb::dict& d) {
+  const auto a = nb::cast<AnyArray>(d["pixels"]);
+  ImageInput image{};
+  image.name = get<std::string>(d, "name");
+  image.data = a.data();
+  if (a.dtype() == nb::dtype<u8>()) {
+    image.type = SampleType::uint8;
+  } else if (a.dtype() == nb::dtype<unsigned short>()) {
+    image.type = SampleType::uint16;
+  } else if (a.dtype() == nb::dtype<float>()) {
+    image.type = SampleType::float32;
+  } else {
+    throw nb::type_error("an image must be uint8, uint16 or float32");
+  }
+  image.height = static_cast<u32>(a.shape(0));
+  image.width = static_cast<u32>(a.shape(1));
+  image.channels = static_cast<u32>(a.shape(2));
+  image.srgb = get<bool>(d, "srgb");
+  image.mip = get<bool>(d, "mip");
+  return image;
+}
+
+LightInput to_light(const nb::dict& d) {
+  LightInput l{};
+  l.name = get<std::string>(d, "name");
+  l.record.block = to_block(get<BlockTuple>(d, "block"));
+  const auto rotation = get<std::array<float, 9>>(d, "rotation");
+  std::copy(rotation.begin(), rotation.end(), l.record.to_world);
+  l.record.position = to_vec3(get<Triple>(d, "position"));
+  l.record.image = get<u32>(d, "image", kNone);
+  return l;
+}
+
+SceneInput to_scene(const nb::dict& d) {
+  SceneInput input;
+  for (nb::handle group : nb::cast<nb::list>(d["groups"])) {
+    GroupInput& shapes = input.groups.emplace_back();
+    for (nb::handle s : nb::cast<nb::list>(group)) {
+      shapes.push_back(to_shape(nb::cast<nb::dict>(s)));
+    }
+  }
+  for (nb::handle m : nb::cast<nb::list>(d["materials"])) {
+    input.materials.push_back(to_material(nb::cast<nb::dict>(m), input.bindings));
+  }
+  for (nb::handle t : nb::cast<nb::list>(d["textures"])) {
+    input.textures.push_back(to_texture(nb::cast<nb::dict>(t)));
+  }
+  for (nb::handle i : nb::cast<nb::list>(d["images"])) {
+    input.images.push_back(to_image(nb::cast<nb::dict>(i)));
+  }
+  for (nb::handle l : nb::cast<nb::list>(d["lights"])) {
+    input.lights.push_back(to_light(nb::cast<nb::dict>(l)));
+  }
+  return input;
 }
 
 nb::dict scene_stats(const Scene& scene) {
   nb::dict d;
-  d["spheres"] = scene.sphere_count();
+#define SHAPE(name, Type) d[#name "s"] = scene.primitive_count(ShapeKind::name);
+#include "../core/shapes.def"
+#undef SHAPE
+  d["instances"] = scene.primitive_count(ShapeKind::instance);
   d["nodes"] = scene.node_count();
   d["leaves"] = scene.block_count();
-  d["lights"] = scene.emitter_count();
+  d["lights"] = scene.light_count();
   d["bytes"] = scene.memory();
   d["scale"] = scene.scale();
   return d;
@@ -213,7 +419,10 @@ std::tuple<nb::object, nb::object> intersect(const Scene& scene, const FloatRows
     const Slot slot = hits[i].slot;
     const bool hit = slot.leaf != kNone;
     t[i] = hits[i].t * unscale;
-    id[i] = hit ? i64{scene.view().spheres[slot.leaf & kLeafIndexMask].id[slot.lane]} : -1;
+    id[i] = -1;
+    if (!hit) continue;
+    baseline::with_primitive(scene.view(), slot,
+                             [&](const auto&, u32 primitive) { id[i] = i64{primitive}; });
   }
   return {ts, ids};
 }
@@ -236,27 +445,46 @@ nb::object occluded(const Scene& scene, const FloatRows& origins, const FloatRow
 // --- View and film -----------------------------------------------------------------------------
 
 // What make_view needs besides the scene; see Settings in scene.py for the terms.
-RenderView make_view(const Scene& scene, const DTriple& eye, const DTriple& target,
-                     const DTriple& up, double fov, double vfov, double aperture_radius,
-                     double focus_distance, u32 width, u32 height, const std::string& filter,
-                     double filter_radius, const std::string& sampler, u64 seed, u32 max_depth,
-                     bool roulette, bool tree) {
+RenderView make_view(const Scene& scene, const nb::dict& camera, u32 width, u32 height,
+                     const std::string& filter, double filter_radius, const std::string& sampler,
+                     u64 seed, u32 max_depth, bool roulette, bool tree,
+                     const std::string& integrator, double ao_distance) {
   if (width == 0 || height == 0) throw SceneError("width and height must be at least 1");
   CameraInput c{};
-  std::copy(eye.begin(), eye.end(), c.eye);
-  std::copy(target.begin(), target.end(), c.target);
-  std::copy(up.begin(), up.end(), c.up);
-  c.fov = fov;
-  c.vfov = vfov;
-  c.aperture_radius = aperture_radius;
-  c.focus_distance = focus_distance;
-  return {make_camera(c, width, height, scene.scale(), scene.view().bounds),
-          make_filter(filter, filter_radius),
-          sampler_kind(sampler),
-          seed,
-          max_depth,
-          roulette,
-          tree};
+  c.projection = get<std::string>(camera, "projection");
+  const auto triple = [&](const char* key, double (&into)[3]) {
+    const auto v = get<DTriple>(camera, key);
+    std::copy(v.begin(), v.end(), into);
+  };
+  triple("eye", c.eye);
+  triple("target", c.target);
+  triple("up", c.up);
+  c.fov = get<double>(camera, "fov");
+  c.vfov = get<double>(camera, "vfov");
+  c.aperture_radius = get<double>(camera, "aperture_radius");
+  c.focus_distance = get<double>(camera, "focus_distance");
+  c.height = get<double>(camera, "height");
+  const auto shift = get<std::array<double, 2>>(camera, "shift");
+  std::copy(shift.begin(), shift.end(), c.shift);
+  c.mirrored = get<bool>(camera, "mirrored");
+  RenderView view{make_camera(c, width, height, scene.scale(), scene.view().bounds),
+                  make_filter(filter, filter_radius),
+                  sampler_kind(sampler),
+                  seed,
+                  max_depth,
+                  roulette,
+                  tree,
+                  Integrator::path,
+                  kInfinity};
+  if (integrator == "direct") {
+    view.max_depth = std::min(max_depth, 2u);
+  } else if (integrator == "ao") {
+    view.integrator = Integrator::ambient_occlusion;
+    if (ao_distance > 0.0) view.ao_distance = static_cast<float>(ao_distance * scene.scale());
+  } else if (integrator != "path") {
+    throw SceneError("unknown integrator '" + integrator + "' (choices: path, direct, ao)");
+  }
+  return view;
 }
 
 Schedule schedule_of(const std::string& name) {
@@ -311,6 +539,45 @@ std::tuple<nb::object, nb::object, nb::object> film_arrays(const Film& film) {
     *bad++ = p.bad;
   }
   return {means, counts, bads};
+}
+
+// Feature name -> (h, w, channels): means of what the first surfaces look like; lengths times
+// `unit`. "shape" and "material" are indices of the first sample's, -1 for none.
+nb::dict feature_arrays(const Film& film, double unit) {
+  struct Channel {
+    const char* name;
+    size_t first, size;
+    bool place, length;
+  };
+  static constexpr Channel kChannels[] = {
+      {"depth", 0, 1, true, true},      {"position", 1, 3, true, true},
+      {"normal", 4, 3, true, false},    {"shading_normal", 7, 3, true, false},
+      {"uv", 10, 2, true, false},       {"albedo", 0, 3, false, false},
+      {"emission", 3, 3, false, false}, {"direct", 6, 3, false, false},
+  };
+  nb::dict all;
+  for (const Channel& c : kChannels) {
+    float* out;
+    all[c.name] = make_array<float>({film.height, film.width, c.size}, out);
+    const float factor = c.length ? static_cast<float>(unit) : 1.0f;
+    for (const FeaturePixel& p : film.features) {
+      const FilmSum* sums = c.place ? p.place : p.light;
+      for (size_t k = 0; k < c.size; ++k) {
+        *out++ = factor * baseline::mean(sums[c.first + k], c.place ? p.hits : p.count);
+      }
+    }
+  }
+  float* coverage;
+  i64 *shape, *material;
+  all["coverage"] = make_array<float>({film.height, film.width}, coverage);
+  all["shape"] = make_array<i64>({film.height, film.width}, shape);
+  all["material"] = make_array<i64>({film.height, film.width}, material);
+  for (const FeaturePixel& p : film.features) {
+    *coverage++ = p.count == 0 ? 0.0f : static_cast<float>(p.hits) / static_cast<float>(p.count);
+    *shape++ = p.shape == kNone ? -1 : i64{p.shape};
+    *material++ = p.material == kNone ? -1 : i64{p.material};
+  }
+  return all;
 }
 
 Triple one_sample(const Scene& scene, const RenderView& view, u32 x, u32 y, u32 sample,
@@ -377,23 +644,26 @@ std::tuple<nb::object, nb::object> bsdf_eval(const BlockTuple& material, const T
 }
 
 // Directions towards the lights as seen from a point in user's units: (directions, distances in
-// normalised units, densities)
-std::tuple<nb::object, nb::object, nb::object> light_sample(const Scene& scene, const Triple& from,
-                                                            u64 seed, u64 n) {
-  if (scene.emitter_count() == 0) throw SceneError("the scene has no lights to sample");
+// normalised units, densities, radiances)
+std::tuple<nb::object, nb::object, nb::object, nb::object> light_sample(const Scene& scene,
+                                                                        const Triple& from,
+                                                                        u64 seed, u64 n) {
   const float scale = static_cast<float>(scene.scale());
   std::vector<LightProbe> probes(n);
   kernels().light_sample(scene.view(), {from[0] * scale, from[1] * scale, from[2] * scale}, seed, n,
                          probes.data());
   float *direction, *distance, *pdf;
+  float* radiance;
   nb::object directions = make_array<float>({n, 3}, direction);
   nb::object distances = make_array<float>({n}, distance), pdfs = make_array<float>({n}, pdf);
+  nb::object radiances = make_array<float>({n, 3}, radiance);
   for (size_t i = 0; i < n; ++i) {
     std::memcpy(direction + 3 * i, &probes[i].direction, sizeof(Vec3));
     distance[i] = probes[i].distance;
     pdf[i] = probes[i].pdf;
+    std::memcpy(radiance + 3 * i, &probes[i].radiance, sizeof(Vec3));
   }
-  return {directions, distances, pdfs};
+  return {directions, distances, pdfs, radiances};
 }
 
 nb::object draws(const std::string& sampler, u32 x, u32 y, u32 first, u64 n, u32 dimension,
@@ -444,17 +714,12 @@ NB_MODULE(_core, m) {
     }
   });
 
-  nb::class_<Scene>(m, "Scene", "Spheres, checked, in a tree.")
+  nb::class_<Scene>(m, "Scene", "Shapes, materials and lights, checked, with their trees.")
       .def("__init__",
-           [](Scene* self, const std::vector<GroupTuple>& groups,
-              const std::vector<BlockTuple>& materials, const BlockTuple& background) {
-             std::vector<SphereGroup> sphere_groups;
-             for (const GroupTuple& g : groups) sphere_groups.push_back(to_group(g));
-             std::vector<ParamBlock> blocks;
-             for (const BlockTuple& b : materials) blocks.push_back(to_block(b));
-             const ParamBlock light = to_block(background);
+           [](Scene* self, const nb::dict& parts) {
+             SceneInput input = to_scene(parts);
              nb::gil_scoped_release unlocked;
-             new (self) Scene(sphere_groups, std::move(blocks), light);
+             new (self) Scene(std::move(input));
            })
       .def("stats", &scene_stats)
       .def("intersect", &intersect, "origins"_a, "directions"_a, "tree"_a = true, "isa"_a = "")
@@ -463,15 +728,17 @@ NB_MODULE(_core, m) {
       .def("light_sample", &light_sample, "origin"_a, "seed"_a, "n"_a);
 
   nb::class_<RenderView>(m, "View", "A camera and settings, checked.");
-  m.def("make_view", &make_view, "scene"_a, nb::kw_only(), "eye"_a, "target"_a, "up"_a, "fov"_a,
-        "vfov"_a, "aperture_radius"_a, "focus_distance"_a, "width"_a, "height"_a, "filter"_a,
-        "filter_radius"_a, "sampler"_a, "seed"_a, "max_depth"_a, "roulette"_a, "tree"_a);
+  m.def("make_view", &make_view, "scene"_a, nb::kw_only(), "camera"_a, "width"_a, "height"_a,
+        "filter"_a, "filter_radius"_a, "sampler"_a, "seed"_a, "max_depth"_a, "roulette"_a, "tree"_a,
+        "integrator"_a, "ao_distance"_a);
 
   nb::class_<Film>(m, "Film", "The sums of a rectangle of the picture.")
-      .def(nb::init<u32, u32, u32, u32>(), "x"_a, "y"_a, "width"_a, "height"_a)
+      .def(nb::init<u32, u32, u32, u32, bool>(), "x"_a, "y"_a, "width"_a, "height"_a,
+           "features"_a = false)
       .def("render", &render, "scene"_a, "view"_a, "first"_a, "last"_a, nb::kw_only(), "threads"_a,
            "tile"_a, "schedule"_a, "isa"_a, "tick"_a.none())
-      .def("arrays", &film_arrays);
+      .def("arrays", &film_arrays)
+      .def("features", &feature_arrays, "unit"_a);
   m.def("one_sample", &one_sample, "scene"_a, "view"_a, "x"_a, "y"_a, "sample"_a, "isa"_a = "");
 
   m.def("tables", &tables);

@@ -8,6 +8,10 @@
 //   eval(m, wo, wi)         f |cos wi|
 //   pdf(m, wo, wi)          density of sample, per steradian
 //   sample(m, wo, ...)      false where the path ends
+//   transmits = true        if light can pass: it is then asked for either side of the surface,
+//   else
+//                           only for wo above it, whichever side is seen
+//   albedo(m)               for features, if the colour is not good enough
 //   emitted(m)              radiance, only if it shines
 #pragma once
 #include "entry.h"

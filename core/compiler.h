@@ -4,6 +4,7 @@
 #if defined(__CUDACC__)
 
 #define PH_INLINE __forceinline__
+#define PH_TABLE __device__ const  // an array of constants
 
 namespace parhelion::compiler {
 PH_INLINE float sqrt(float x) { return ::sqrtf(x); }
@@ -19,6 +20,7 @@ PH_INLINE void copy(void* to, const void* from, unsigned long long n) { memcpy(t
 #else
 
 #define PH_INLINE [[gnu::always_inline]] inline
+#define PH_TABLE inline constexpr  // an array of constants
 
 namespace parhelion::compiler {
 PH_INLINE float sqrt(float x) { return __builtin_sqrtf(x); }

@@ -1,50 +1,135 @@
-// Direct light: which emissive primitive to ask, and a direction towards it.
-//
-// A light's weight is its area times the luminance of what it emits: its power, up to a constant.
+// Direct light: which light to ask, and a direction towards it. Lights are emissive primitives and
+// the entries of `lights`; those that lie in the scene are chosen by the light tree, those that
+// shine from outside it with equal probability.
 #pragma once
 #include "surface.h"
 
 namespace parhelion::PH_ISA {
 
-template <class Shape>
-PH_INLINE float emitter_weight(const Shape& shape, Vec3 emitted_radiance) {
-  return area(shape) * luminance(emitted_radiance);
-}
-
-struct LightSample {
+// A light sample, and what the shadow ray must not count as an obstacle.
+struct DirectSample {
   Vec3 direction;
   float distance;
-  float pdf;  // per steradian, the choice of the light included; 0 if there is none
+  float pdf;  // per steradian, the choice of the light included; 0 if there is none. Of a light
+              // without extent, the probability of its choice
   Vec3 radiance;
+  bool delta;
   Slot slot;
 };
 
-// Density with which sample_light picks a direction that meets the given emissive primitive.
-PH_INLINE float light_pdf(const SceneView& scene, Slot slot, Vec3 radiance, Vec3 from) {
-  return with_primitive(scene, slot, [&](const auto& shape, u32) {
-    return emitter_weight(shape, radiance) / scene.emitter_total * pdf_towards(shape, from);
+// Whether there is a light to ask for.
+PH_INLINE bool asks_for_light(const SceneView& scene) {
+  return scene.light_tree.light_count != 0 || scene.outside_first != scene.smooth_first;
+}
+
+// Where light is asked for: the point, and the side of the surface that counts, or 0 for any.
+struct Receiver {
+  Vec3 point;
+  Vec3 normal;
+};
+
+// Share of the choices that goes to lights from outside.
+PH_INLINE float outside_share(const SceneView& scene) {
+  if (scene.outside_first == scene.smooth_first) return 0.0f;
+  return scene.light_tree.light_count == 0 ? 1.0f : 0.5f;
+}
+
+// From an instance's frame: how many steradians there a steradian of the scene becomes.
+PH_INLINE float solid_angle_ratio(const Instance& instance, float stretch) {
+  return instance.determinant / (stretch * stretch * stretch);
+}
+
+PH_INLINE u32 emitter_index(const SceneView& scene, const Surface& s) {
+  if (s.shape->first_emitter == kNone) return kNone;
+  const u32 local = s.shape->first_emitter + (s.id - s.shape->first_id);
+  return s.slot.instance == kNone ? local : scene.instances[s.slot.instance].first_emitter + local;
+}
+
+// Density with which sample_light picks the direction from a point to the surface s, which shines.
+PH_INLINE float emitter_pdf(const SceneView& scene, const Surface& s, const Receiver& from,
+                            Vec3 direction) {
+  const u32 index = emitter_index(scene, s);
+  if (index == kNone) return 0.0f;
+  const float choice = (1.0f - outside_share(scene)) *
+                       light_probability(scene.light_tree, index, from.point, from.normal);
+  if (!(choice > 0.0f)) return 0.0f;
+  return choice * with_primitive(scene, s.slot, [&](const auto& shape, u32) {
+           const float distance = length(s.point - from.point);
+           const Instance* instance = instance_of(scene, s.slot);
+           if (!instance) return pdf_towards(shape, from.point, direction, distance, s.normal);
+           const Vec3 d = transform_vector(instance->to_group, direction);
+           const float stretch = length(d);
+           return solid_angle_ratio(*instance, stretch) *
+                  pdf_towards(shape, transform_point(instance->to_group, from.point),
+                              d * (1.0f / stretch), distance * stretch,
+                              normalize(transform_normal(instance->to_scene, s.normal)));
+         });
+}
+
+// A direction towards one emissive primitive; its pdf without the choice of that primitive.
+PH_INLINE DirectSample sample_emitter(const SceneView& scene, Slot slot, Vec3 from, Vec2 u) {
+  const Instance* instance = instance_of(scene, slot);
+  return with_primitive(scene, slot, [&](const auto& shape, u32 id) -> DirectSample {
+    const Vec3 origin = instance ? transform_point(instance->to_group, from) : from;
+    const TowardsSample t = sample_towards(shape, origin, u);
+    DirectSample out = {t.direction, t.distance, t.pdf, {0, 0, 0}, false, slot};
+    if (!(t.pdf > 0.0f)) return out;
+    Surface s;
+    s.slot = slot;
+    const SurfacePoint p = {origin + t.direction * t.distance, t.normal, t.parameter, 0.0f};
+    complete(scene, shape, id, p, instance, s);
+    if (instance) {
+      const Vec3 d = transform_vector(instance->to_scene, t.direction);
+      const float stretch = 1.0f / length(d);
+      out.direction = d * stretch;
+      out.distance = t.distance / stretch;
+      out.pdf = t.pdf * solid_angle_ratio(*instance, stretch);
+    }
+    out.radiance = emission(scene, *s.material, s, dot(out.direction, s.normal) < 0.0f);
+    return out;
   });
 }
 
-PH_INLINE LightSample sample_light(const SceneView& scene, Vec3 from, float u, Vec2 v) {
-  u32 low = 0, high = scene.emitter_count - 1;  // the first with cumulative > u
-  while (low < high) {
-    const u32 middle = low + (high - low) / 2;
-    if (scene.emitters[middle].cumulative > u) {
-      high = middle;
-    } else {
-      low = middle + 1;
-    }
+PH_INLINE DirectSample sample_record(const SceneView& scene, u32 index, Vec3 from, Vec2 u) {
+  const LightSample s = sample_light(scene.lights[index], scene.tables, from, u);
+  return {s.direction, s.distance, s.pdf, s.radiance, s.delta, kNoSlot};
+}
+
+PH_INLINE DirectSample sample_lights(const SceneView& scene, const Receiver& from, Vec2 choice,
+                                     Vec2 u) {
+  DirectSample none = {{0, 0, 1}, 0.0f, 0.0f, {0, 0, 0}, false, kNoSlot};
+  const float outside = outside_share(scene);
+  if (choice.y < outside) {
+    const u32 count = scene.smooth_first - scene.outside_first;
+    const float place = choice.y / outside * static_cast<float>(count);
+    const u32 index = static_cast<u32>(place) < count ? static_cast<u32>(place) : count - 1;
+    DirectSample s = sample_record(scene, scene.outside_first + index, from.point, u);
+    s.pdf *= outside / static_cast<float>(count);
+    return s;
   }
-  const Emitter& e = scene.emitters[low];
-  return with_primitive(scene, e.slot, [&](const auto& shape, u32 id) {
-    const ParamBlock& material = material_of(scene, id);
-    const Vec3 radiance = with_material(material, color_of(scene, id, material),
-                                        [](const auto& m) { return emitted(m); });
-    const TowardsSample s = sample_towards(shape, from, v);
-    const float choice = emitter_weight(shape, radiance) / scene.emitter_total;
-    return LightSample{s.direction, s.distance, s.pdf * choice, radiance, e.slot};
-  });
+  // Of the 48 bits that the tree takes, the lower ones have already been used.
+  const Vec2 rest = {choice.x, (choice.y - outside) / (1.0f - outside)};
+  const LightChoice c = choose_light(scene.light_tree, from.point, from.normal, rest);
+  if (c.light == kNone) return none;
+  DirectSample s = c.light < scene.emitter_count
+                       ? sample_emitter(scene, scene.emitters[c.light], from.point, u)
+                       : sample_record(scene, c.light - scene.emitter_count, from.point, u);
+  s.pdf *= c.probability * (1.0f - outside);
+  return s;
+}
+
+// What a ray that leaves the scene sees, and the density with which sample_lights would have picked
+// its direction for each part of it.
+template <class F>
+PH_INLINE void for_each_outside(const SceneView& scene, Vec3 direction, F&& f) {
+  const float choice =
+      outside_share(scene) / static_cast<float>(scene.smooth_first - scene.outside_first);
+  for (u32 i = scene.outside_first; i < scene.light_count; ++i) {
+    const Vec3 shine = light_radiance(scene.lights[i], scene.tables, direction);
+    if (black(shine)) continue;
+    const bool asked = i < scene.smooth_first;
+    f(shine, asked ? choice * light_pdf(scene.lights[i], scene.tables, direction) : 0.0f);
+  }
 }
 
 }  // namespace parhelion::PH_ISA

@@ -1,21 +1,27 @@
-// How the entries of materials.def and lights.def describe themselves: a name, a sentence, and a
-// table of parameters from which the schema, the checks and the documentation are made.
+// How the entries of materials.def, textures.def and lights.def describe themselves: a name, a
+// sentence, and a table of parameters from which the schema, the checks and the documentation are
+// made.
 #pragma once
 #include "types.h"
 
 namespace parhelion {
 
-// size 1 is a number, 3 a colour or a direction. Each value must lie in [low, high].
+// size 1 is a number, 3 a colour, point or direction. Each value must lie in [low, high].
 struct ParamInfo {
   const char* name;
   int size;
   float preset[3];
   float low, high;
   const char* doc;
+  // Words separated by '|' if the value is one of them; what is stored is its place, from 0.
+  const char* choices = nullptr;
+  // The host multiplies the value by (normalised units per user's unit)^length_power: 1 for a
+  // length or a point, 2 for an intensity in W/sr, -1 for something per length.
+  int length_power = 0;
 };
 
 // The parameters of one entry as plain floats, in the order of its table.
-inline constexpr int kBlockFloats = 15;
+inline constexpr int kBlockFloats = 31;
 struct ParamBlock {
   u32 kind;
   float value[kBlockFloats];

@@ -19,6 +19,16 @@ struct FilmPixel {
   u32 bad;  // samples that were not finite, left out of the sum and counted as black
 };
 
+// The sums of a pixel's features, in the order of Features in path.h; those of place and shape over
+// the samples that hit something.
+inline constexpr u32 kPlaceFloats = 12, kLightFloats = 9;
+struct FeaturePixel {
+  FilmSum place[kPlaceFloats];  // depth, position, normal, shading normal, uv
+  FilmSum light[kLightFloats];  // albedo, emission, direct light
+  u32 hits, count;
+  u32 shape, material;  // of the first sample; kNone if it hit nothing
+};
+
 }  // namespace parhelion
 
 namespace parhelion::PH_ISA {
@@ -26,7 +36,7 @@ namespace parhelion::PH_ISA {
 inline constexpr float kLargest = 0x1p40f;
 
 PH_INLINE void add(FilmSum& sum, float value) {
-  const double scaled = static_cast<double>(min(max(value, 0.0f), kLargest)) * 0x1p12;
+  const double scaled = static_cast<double>(clamp(value, -kLargest, kLargest)) * 0x1p12;
   const i64 high = static_cast<i64>(scaled);
   sum.high += high;
   sum.low += static_cast<i64>((scaled - static_cast<double>(high)) * 0x1p40);
@@ -44,11 +54,16 @@ PH_INLINE void add(FilmPixel& pixel, Vec3 radiance) {
 }
 
 // Brings `low` back under 2^40, so that equal sums are equal words.
+PH_INLINE void carry(FilmSum& sum) {
+  sum.high += sum.low >> 40;
+  sum.low &= (1ll << 40) - 1;
+}
 PH_INLINE void carry(FilmPixel& pixel) {
-  for (FilmSum& sum : pixel.rgb) {
-    sum.high += sum.low >> 40;
-    sum.low &= (1ll << 40) - 1;
-  }
+  for (FilmSum& sum : pixel.rgb) carry(sum);
+}
+PH_INLINE void carry(FeaturePixel& pixel) {
+  for (FilmSum& sum : pixel.place) carry(sum);
+  for (FilmSum& sum : pixel.light) carry(sum);
 }
 
 PH_INLINE float mean(const FilmSum& sum, u32 count) {

@@ -1,7 +1,14 @@
-// All lights from outside the scene behind one switch, made from lights.def.
+// All lights that are no shapes behind one switch, made from lights.def.
 #pragma once
 #include "lights/constant.h"
+#include "lights/directional.h"
+#include "lights/envmap.h"
 #include "lights/gradient.h"
+#include "lights/point.h"
+#include "lights/projector.h"
+#include "lights/sky.h"
+#include "lights/spot.h"
+#include "lights/sun.h"
 
 namespace parhelion {
 
@@ -15,15 +22,71 @@ enum class LightKind : u32 {
 
 namespace parhelion::PH_ISA {
 
-// Radiance that arrives from a direction.
-PH_INLINE Vec3 light_radiance(const ParamBlock& block, Vec3 direction) {
+// Calls f with the struct of the record's own light.
+template <class F>
+PH_INLINE auto with_light(const ParamBlock& block, F&& f) {
   switch (static_cast<LightKind>(block.kind)) {
 #define LIGHT(name, Type) \
-  case LightKind::name: return radiance(from_block<Type>(block), direction);
+  case LightKind::name: return f(from_block<Type>(block));
 #include "lights.def"
 #undef LIGHT
   }
   compiler::unreachable();
+}
+
+template <class Light>
+PH_INLINE constexpr bool needs_image() {
+  if constexpr (requires { Light::has_image; }) {
+    return Light::has_image;
+  } else {
+    return false;
+  }
+}
+
+// Whether it shines from infinitely far away.
+PH_INLINE bool is_outside(const LightRecord& record) {
+  return with_light(record.block, []<class Light>(const Light&) { return Light::outside; });
+}
+
+// Whether scattering alone is to find it.
+PH_INLINE bool is_smooth(const LightRecord& record) {
+  return with_light(record.block, []<class Light>(const Light&) {
+    if constexpr (requires { Light::smooth; }) {
+      return Light::smooth;
+    } else {
+      return false;
+    }
+  });
+}
+
+PH_INLINE LightSample sample_light(const LightRecord& record, const LightTables& tables, Vec3 from,
+                                   Vec2 u) {
+  return with_light(record.block,
+                    [&](const auto& light) { return sample(light, record, tables, from, u); });
+}
+
+// What a ray that leaves the scene in a direction sees of a light.
+PH_INLINE Vec3 light_radiance(const LightRecord& record, const LightTables& tables,
+                              Vec3 direction) {
+  return with_light(record.block,
+                    [&](const auto& light) { return radiance(light, record, tables, direction); });
+}
+
+// Density with which sample_light finds a direction.
+PH_INLINE float light_pdf(const LightRecord& record, const LightTables& tables, Vec3 direction) {
+  return with_light(record.block,
+                    [&](const auto& light) { return pdf(light, record, tables, direction); });
+}
+
+// Of lights that are not outside.
+PH_INLINE LightReach light_reach(const LightRecord& record, const LightTables& tables) {
+  return with_light(record.block, [&]<class Light>(const Light& light) -> LightReach {
+    if constexpr (Light::outside) {
+      return {};
+    } else {
+      return reach(light, record, tables);
+    }
+  });
 }
 
 }  // namespace parhelion::PH_ISA

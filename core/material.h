@@ -1,10 +1,15 @@
 // All materials behind one switch, made from materials.def.
 #pragma once
 #include "bsdf.h"
+#include "materials/conductor.h"
 #include "materials/dielectric.h"
 #include "materials/diffuse.h"
 #include "materials/emissive.h"
 #include "materials/metal.h"
+#include "materials/null.h"
+#include "materials/plastic.h"
+#include "materials/principled.h"
+#include "materials/thin_dielectric.h"
 
 namespace parhelion {
 

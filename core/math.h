@@ -25,6 +25,9 @@ PH_INLINE Vec3& operator+=(Vec3& a, Vec3 b) { return a = a + b; }
 PH_INLINE Vec3& operator*=(Vec3& a, Vec3 b) { return a = a * b; }
 PH_INLINE Vec3& operator*=(Vec3& a, float s) { return a = a * s; }
 PH_INLINE float dot(Vec3 a, Vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+PH_INLINE Vec3 cross(Vec3 a, Vec3 b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
 PH_INLINE float length(Vec3 a) { return sqrt(dot(a, a)); }
 PH_INLINE Vec3 normalize(Vec3 a) { return a * (1.0f / length(a)); }
 // Of a vector that is of unit length but for rounding: a Newton step, cheaper than a root.
@@ -90,6 +93,15 @@ PH_INLINE Frame frame_around(Vec3 n) {
   const float a = -1.0f / (sign + n.z);
   const float b = n.x * n.y * a;
   return {{1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x}, {b, sign + n.y * n.y * a, -n.y}, n};
+}
+
+// One around a unit normal whose x axis lies as near to `along` as can be.
+PH_INLINE Frame frame_along(Vec3 n, Vec3 along) {
+  const Vec3 x = along - n * dot(n, along);
+  const float size = dot(x, x);
+  if (!(size > 1e-12f * dot(along, along))) return frame_around(n);
+  const Vec3 unit = x * (1.0f / sqrt(size));
+  return {unit, cross(n, unit), n};
 }
 
 PH_INLINE Vec3 to_world(const Frame& f, Vec3 v) { return f.x * v.x + f.y * v.y + f.z * v.z; }

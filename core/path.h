@@ -2,12 +2,21 @@
 // weighed against scattering by multiple importance sampling (Veach 1997, chapter 9).
 #pragma once
 #include "emitter.h"
-#include "light.h"
+#include "media.h"
 
 namespace parhelion {
 
 struct PathStats {
   u64 rays;
+};
+
+// What the first surface of a path looks like, and the parts of its radiance. Normalised units.
+struct Features {
+  float depth;  // distance from the camera
+  Vec3 position, normal, shading_normal;
+  Vec2 uv;
+  Vec3 albedo, emission, direct;
+  u32 shape, material;  // kNone: nothing was hit
 };
 
 }  // namespace parhelion
@@ -16,6 +25,8 @@ namespace parhelion::PH_ISA {
 
 // Bounces before the roulette may end a path.
 inline constexpr u32 kRouletteStart = 4;
+// Holes that one ray may pass.
+inline constexpr u32 kMaxHoles = 1024;
 
 // The power heuristic with exponent 2, written so that a large density does not overflow.
 PH_INLINE float power_heuristic(float own, float other) {
@@ -23,8 +34,12 @@ PH_INLINE float power_heuristic(float own, float other) {
   return 1.0f / (1.0f + ratio * ratio);
 }
 
+// A ray from a surface, its origin beyond the reach of the point's rounding on the side it leaves.
 PH_INLINE Ray ray_from(const Surface& s, Vec3 direction) {
-  return {s.point, direction, s.slot, dot(direction, s.normal) < 0.0f};
+  const bool inward = dot(direction, s.normal) < 0.0f;
+  Vec3 origin = s.point;
+  if (s.error > 0.0f) origin += s.normal * (inward ? -s.error : s.error);
+  return {origin, direction, s.slot, inward};
 }
 
 // Where a path stands: the light gathered so far, and the ray that goes on.
@@ -32,62 +47,163 @@ struct PathState {
   Ray ray;
   Vec3 sum;
   Vec3 throughput;
-  float scatter_pdf;  // of the ray's direction; 0 if no light sample could have found it
-  float eta_scale;    // undoes the squeezing of radiance in glass, for the roulette
-  u32 depth;          // rays so far, the camera's own included
+  Receiver receiver;    // the vertex that the ray leaves
+  float scatter_pdf;    // of the ray's direction; 0 if no light sample could have found it
+  float eta_scale;      // undoes the squeezing of radiance in glass, for the roulette
+  float width, spread;  // of the cone around the ray that stands for its neighbours: at the ray's
+                        // origin, and what it grows by per unit of length
+  u32 depth;            // rays so far, the camera's own included
+  Media media;
 };
 
-// Light that arrives straight from an emissive primitive and is scattered towards wo.
-template <class Material>
-PH_INLINE Vec3 direct_light(const SceneView& scene, const RenderView& view, const Surface& s,
-                            const Material& material, const Frame& frame, Vec3 wo,
-                            const Sampler& sampler, u32 draw, PathStats& stats) {
-  const float u = draw1(sampler, draw + kDrawLight);
-  const Vec2 v = draw2(sampler, draw + kDrawLightPoint);
-  const LightSample light = sample_light(scene, s.point, u, v);
-  if (!(light.pdf > 0.0f)) return {0, 0, 0};
-  const Vec3 wi = to_local(frame, light.direction);
-  const Vec3 value = eval(material, wo, wi);
-  if (black(value)) return {0, 0, 0};
-  ++stats.rays;
-  if (occluded(scene, ray_from(s, light.direction), light.distance, light.slot, view.tree)) {
-    return {0, 0, 0};
+PH_INLINE u32 bounce_draw(u32 depth) { return kDrawFirstBounce + (depth - 1) * kDrawsPerBounce; }
+
+// --- Shading ----------------------------------------------------------------------------------
+
+// The frame in which a surface scatters. Its normal is bent towards wo where interpolation or a
+// normal map has turned it away: the surface is seen, so it may not be black.
+PH_INLINE Frame shading_frame(const SceneView& scene, const MaterialRecord& m, const Surface& s,
+                              Vec3 wo, float width) {
+  Vec3 n = s.shading;
+  Vec3 dpdu = s.dpdu;
+  if (m.uses_uv) {
+    if (m.bump_map != kNone) {
+      const Vec2 slope = bump_slope(scene, m.bump_map, s, width) * m.bump_scale;
+      const Vec3 u = s.dpdu + n * slope.x, v = s.dpdv + n * slope.y;
+      const Vec3 bumped = cross(u, v);
+      const float size = length(bumped);
+      if (size > 0.0f && finite(size)) {
+        n = bumped * (copysign(1.0f, dot(bumped, n)) / size);
+        dpdu = u;
+      }
+    }
+    if (m.normal_map != kNone) {
+      const Vec3 c = texel(scene, m.normal_map, s, width).rgb;
+      const Vec3 local = {2.0f * c.x - 1.0f, 2.0f * c.y - 1.0f, 2.0f * c.z - 1.0f};
+      const Frame f = frame_along(n, dpdu);
+      // y along v: the frame is right-handed, the parametrisation need not be.
+      const float side = copysign(1.0f, dot(f.y, s.dpdv));
+      const Vec3 mapped = f.x * local.x + f.y * (side * local.y) + n * local.z;
+      const float size = length(mapped);
+      if (size > 1e-6f) n = mapped * (1.0f / size);
+    }
   }
-  const float weight = power_heuristic(light.pdf, pdf(material, wo, wi));
-  return value * light.radiance * (weight / light.pdf);
+  const float side = copysign(1.0f, dot(wo, s.normal));
+  const float cosine = side * dot(wo, n);
+  constexpr float kLeast = 1e-3f;
+  if (cosine < kLeast) n = normalize(n + wo * (side * (kLeast - cosine)));
+  return m.uses_uv ? frame_along(n, dpdu) : frame_around(n);
 }
 
-// All that happens where a path meets a surface; false where the path ends.
+// Where light asked for by an opaque surface comes from: the side that it is seen from.
 template <class Material>
-PH_INLINE bool bounce(const SceneView& scene, const RenderView& view, const Surface& s,
-                      const Material& material, const Sampler& sampler, PathState& path,
-                      PathStats& stats) {
-  // Emission
-  const Vec3 shine = emitted(material);
-  if (!black(shine)) {
-    float weight = 1.0f;
-    if (path.scatter_pdf > 0.0f) {
-      weight = power_heuristic(path.scatter_pdf, light_pdf(scene, s.slot, shine, path.ray.origin));
+inline constexpr bool kTransmits = requires { Material::transmits; };
+
+// Whether scattering from wo to wi, in the world, goes through the surface, as its material says by
+// their cosines in the shading frame, and so does the geometry. Where they differ light would leak.
+PH_INLINE bool consistent(const Surface& s, Vec3 wo, Vec3 wi, Vec3 local_wo, Vec3 local_wi) {
+  return (local_wo.z * local_wi.z > 0.0f) == (dot(wo, s.normal) * dot(wi, s.normal) > 0.0f);
+}
+
+// --- Light ------------------------------------------------------------------------------------
+
+// Share of the light that gets through to `distance`, past holes; 0 or 1 where there are none.
+PH_INLINE float transmittance(const SceneView& scene, Ray ray, float distance, Slot light,
+                              bool tree, PathStats& stats) {
+  ++stats.rays;
+  if (!scene.has_holes) return occluded(scene, ray, distance, light, tree) ? 0.0f : 1.0f;
+  float through = 1.0f, left = distance;
+  for (u32 i = 0; i < kMaxHoles; ++i) {
+    Hit hit;
+    if (!intersect(scene, ray, left, tree, hit)) return through;
+    if (hit.slot.leaf == light.leaf && hit.slot.lane == light.lane &&
+        hit.slot.instance == light.instance) {
+      return through;
     }
-    path.sum += path.throughput * shine * weight;
+    const Surface s = surface_at(scene, ray, hit);
+    through *= 1.0f - clamp(opacity(scene, *s.material, s, 0.0f), 0.0f, 1.0f);
+    if (!(through > 0.0f)) return 0.0f;
+    left -= hit.t;
+    ray = ray_from(s, ray.direction);
+    ++stats.rays;
   }
-  if (path.depth >= view.max_depth) return false;
+  return 0.0f;
+}
+
+// Light that arrives straight from a light and is scattered towards wo.
+template <class Material>
+PH_INLINE Vec3 direct_light(const SceneView& scene, const RenderView& view, const Surface& s,
+                            const Material& material, const Frame& frame, Vec3 wo, Vec3 local_wo,
+                            const Receiver& receiver, const Sampler& sampler, u32 draw,
+                            PathStats& stats) {
+  const Vec2 u = draw2(sampler, draw + kDrawLight);
+  const Vec2 v = draw2(sampler, draw + kDrawLightPoint);
+  const DirectSample light = sample_lights(scene, receiver, u, v);
+  if (!(light.pdf > 0.0f) || black(light.radiance)) return {0, 0, 0};
+  const Vec3 wi = to_local(frame, light.direction);
+  if (!consistent(s, wo, light.direction, local_wo, wi)) return {0, 0, 0};
+  const Vec3 value = eval(material, local_wo, wi);
+  if (black(value)) return {0, 0, 0};
+  const Ray ray = ray_from(s, light.direction);
+  const float through = transmittance(scene, ray, light.distance, light.slot, view.tree, stats);
+  if (through == 0.0f) return {0, 0, 0};
+  const float weight = light.delta ? 1.0f : power_heuristic(light.pdf, pdf(material, local_wo, wi));
+  return value * light.radiance * (through * weight / light.pdf);
+}
+
+// Light that the path's ray met by itself, weighed against the light sample that might have.
+PH_INLINE void add_light(PathState& path, Vec3 radiance, float light_density) {
+  const float weight =
+      path.scatter_pdf > 0.0f ? power_heuristic(path.scatter_pdf, light_density) : 1.0f;
+  path.sum += path.throughput * radiance * weight;
+}
+
+// --- Bounces ----------------------------------------------------------------------------------
+
+// Scattering where a path meets a surface; false where the path ends.
+template <class Material>
+PH_INLINE bool scatter(const SceneView& scene, const RenderView& view, const Surface& s,
+                       const MaterialRecord& record, Material material, const Sampler& sampler,
+                       PathState& path, PathStats& stats) {
+  const u32 draw = bounce_draw(path.depth);
+  const Vec3 wo = -path.ray.direction;
+  const bool front = dot(wo, s.normal) > 0.0f;
+  Frame frame = shading_frame(scene, record, s, wo, path.width);
+  if constexpr (kTransmits<Material>) {
+    if (!enter_boundary(scene, path.media, record, front, material)) {
+      // Within a body that takes precedence this surface is not there.
+      path.ray = ray_from(s, path.ray.direction);
+      return true;
+    }
+  } else if (!front) {
+    frame = {frame.x, -frame.y, -frame.z};  // the same surface from its other side
+  }
+  const Vec3 local_wo = to_local(frame, wo);
 
   // Direct light
-  const u32 draw = kDrawFirstBounce + (path.depth - 1) * kDrawsPerBounce;
-  const Frame frame = frame_around(s.normal);
-  const Vec3 wo = to_local(frame, -path.ray.direction);
-  if (scene.emitter_count != 0 && !is_delta(material)) {
-    path.sum +=
-        path.throughput * direct_light(scene, view, s, material, frame, wo, sampler, draw, stats);
+  const Vec3 facing = front ? s.normal : -s.normal;
+  const Receiver receiver = {s.point, kTransmits<Material> ? Vec3{0, 0, 0} : facing};
+  const bool lit = asks_for_light(scene);
+  if (lit && !is_delta(material)) {
+    path.sum += path.throughput * direct_light(scene, view, s, material, frame, wo, local_wo,
+                                               receiver, sampler, draw, stats);
   }
 
   // Scattering
   BsdfSample next = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
-  if (!sample(material, wo, sampler, draw, next)) return false;
+  if (!sample(material, local_wo, sampler, draw, next)) return false;
+  const Vec3 wi = renormalize(to_world(frame, next.wi));
+  if (!consistent(s, wo, wi, local_wo, next.wi)) return false;
   path.throughput *= next.weight;
   path.eta_scale *= next.eta * next.eta;
-  path.scatter_pdf = next.delta || scene.emitter_count == 0 ? 0.0f : next.pdf;
+  path.scatter_pdf = next.delta || !lit ? 0.0f : next.pdf;
+  if (!next.delta) {
+    // The cone of directions that are as likely as one sample in sixty-four.
+    path.spread = max(path.spread, 0.125f / sqrt(max(next.pdf, 1e-6f)));
+  }
+  if constexpr (kTransmits<Material>) {
+    if (next.wi.z * local_wo.z < 0.0f) cross_boundary(scene, path.media, record, front);
+  }
 
   // Russian roulette
   const float survival = min(max_component(path.throughput) * path.eta_scale, 0.95f);
@@ -96,35 +212,150 @@ PH_INLINE bool bounce(const SceneView& scene, const RenderView& view, const Surf
     if (draw1(sampler, draw + kDrawRoulette) >= survival) return false;
     path.throughput *= 1.0f / survival;
   }
-  path.ray = ray_from(s, renormalize(to_world(frame, next.wi)));
+  path.ray = ray_from(s, wi);
+  path.receiver = receiver;
   ++path.depth;
-  ++stats.rays;
   return true;
+}
+
+// Share of the light that a material gives back, for features: its colour, where it says no better.
+template <class Material>
+PH_INLINE Vec3 albedo_of(const Material& m) {
+  if constexpr (requires { albedo(m); }) {
+    return albedo(m);
+  } else if constexpr (requires { m.color; }) {
+    return m.color;
+  } else {
+    return {0, 0, 0};
+  }
+}
+
+// The material at a surface, of those that a blend leaves to chance.
+PH_INLINE const MaterialRecord& chosen_material(const SceneView& scene, const Surface& s,
+                                                bool front, float width, const Sampler& sampler,
+                                                u32 depth) {
+  const MaterialRecord* m = s.material;
+  if (!front && m->back != kNone) m = &scene.materials[m->back];
+  if (m->blend_first == kNone) return *m;
+  float u = draw1(sampler, bounce_draw(depth) + kDrawBlend);
+  while (m->blend_first != kNone) {
+    const float weight =
+        clamp(scalar(scene, m->blend_weight, m->blend_texture, s, width), 0.0f, 1.0f);
+    const bool second = u < weight;
+    u = second ? u / weight : (u - weight) / (1.0f - weight);
+    m = &scene.materials[second ? m->blend_second : m->blend_first];
+  }
+  return *m;
+}
+
+// All that happens where a path meets a surface; false where the path ends.
+PH_INLINE bool bounce(const SceneView& scene, const RenderView& view, const Surface& s,
+                      const Sampler& sampler, PathState& path, PathStats& stats,
+                      Features* features) {
+  const bool front = dot(path.ray.direction, s.normal) < 0.0f;
+  const Vec3 shine = emission(scene, *s.material, s, front);
+  if (!black(shine)) {
+    const float density =
+        path.scatter_pdf > 0.0f ? emitter_pdf(scene, s, path.receiver, path.ray.direction) : 0.0f;
+    add_light(path, shine, density);
+  }
+  const MaterialRecord& m = chosen_material(scene, s, front, path.width, sampler, path.depth);
+  if (features && path.depth == 1) {
+    features->emission = shine;
+    features->material = static_cast<u32>(s.material - scene.materials);
+  }
+  if (path.depth >= view.max_depth) return false;
+  if (!front && s.material->back == kNone) return false;
+  ParamBlock textured;
+  const ParamBlock* block = &m.block;
+  if (m.binding_count != 0) {
+    textured = parameters(scene, m, s, path.width);
+    block = &textured;
+  }
+  const Vec3 color = has_color(s.color) ? s.color : block_color(*block);
+  return with_material(*block, color, [&](const auto& material) {
+    if (features && path.depth == 1) features->albedo = albedo_of(material);
+    return scatter(scene, view, s, m, material, sampler, path, stats);
+  });
+}
+
+// How open the surroundings of the first surface are.
+inline float ambient_occlusion(const SceneView& scene, const RenderView& view, const Surface& s,
+                               Vec3 wo, const Sampler& sampler, PathStats& stats) {
+  Vec3 n = s.shading;
+  if (dot(wo, s.normal) < 0.0f) n = -n;
+  const Vec3 wi =
+      to_world(frame_around(n), cosine_hemisphere(draw2(sampler, bounce_draw(1) + kDrawDirection)));
+  if (dot(wi, s.normal) * dot(wo, s.normal) <= 0.0f) return 0.0f;
+  return transmittance(scene, ray_from(s, renormalize(wi)), view.ao_distance, kNoSlot, view.tree,
+                       stats);
 }
 
 // Radiance that one sample of one pixel sees: a pure function of its arguments.
 inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample,
-                     PathStats& stats) {
+                     PathStats& stats, Features* features) {
   const Sampler sampler = make_sampler(view.sampler, x, y, sample, view.seed);
   const Vec2 place = draw2(sampler, kDrawPixel);
   const Vec2 offset = {filter_offset(view.filter, place.x), filter_offset(view.filter, place.y)};
   const Vec3 lens = uniform_disk(draw2(sampler, kDrawLens));
-  PathState path = {{}, {0, 0, 0}, {1, 1, 1}, 0.0f, 1.0f, 1};
+  PathState path;
+  path.sum = {0, 0, 0};
+  path.throughput = {1, 1, 1};
+  path.scatter_pdf = 0.0f;
+  path.eta_scale = 1.0f;
+  path.depth = 1;
+  path.media.count = 0;
+  if (features) *features = {0, {}, {}, {}, {}, {}, {}, {}, kNone, kNone};
   ++stats.rays;
-  if (!camera_ray(view.camera, scene.bounds, x, y, offset, lens, path.ray)) {
-    return light_radiance(scene.background, path.ray.direction);
-  }
+  float start = 0.0f;
+  const Sight sight = camera_ray(view.camera, scene.bounds, x, y, offset, lens, path.ray, start);
+  if (sight == Sight::nothing) return {0, 0, 0};
+  path.spread = view.camera.cone.spread;
+  path.width = view.camera.cone.width + path.spread * start;
+  u32 holes = 0;
+  float travelled = 0.0f;  // by all rays so far
   for (;;) {
     Hit hit;
-    if (!intersect(scene, path.ray, kInfinity, view.tree, hit)) {
-      return path.sum + path.throughput * light_radiance(scene.background, path.ray.direction);
+    if (sight == Sight::background || !intersect(scene, path.ray, kInfinity, view.tree, hit)) {
+      if (view.integrator == Integrator::ambient_occlusion) return {1, 1, 1};
+      for_each_outside(scene, path.ray.direction,
+                       [&](Vec3 shine, float density) { add_light(path, shine, density); });
+      break;
     }
     const Surface s = surface_at(scene, path.ray, hit);
-    const bool goes_on = with_material(*s.material, s.color, [&](const auto& material) {
-      return bounce(scene, view, s, material, sampler, path, stats);
-    });
-    if (!goes_on) return path.sum;
+    path.width += path.spread * hit.t;
+    travelled += hit.t;
+    absorb(scene, path.media, hit.t, path.throughput);
+    if (scene.has_holes) {
+      const float solid = opacity(scene, *s.material, s, path.width);
+      if (solid < 1.0f && holes < kMaxHoles &&
+          !(draw1(sampler, bounce_draw(path.depth) + kDrawOpacity + holes * 0x10000u) < solid)) {
+        path.ray = ray_from(s, path.ray.direction);
+        ++holes;
+        ++stats.rays;
+        continue;
+      }
+    }
+    if (features && path.depth == 1) {
+      features->depth = start + travelled;
+      features->position = s.point;
+      features->normal = s.normal;
+      features->shading_normal = s.shading;
+      features->uv = s.material->uses_uv ? s.uv : Vec2{0, 0};
+      features->shape = s.slot.instance == kNone ? static_cast<u32>(s.shape - scene.shapes)
+                                                 : scene.instances[s.slot.instance].shape;
+    }
+    if (view.integrator == Integrator::ambient_occlusion) {
+      const float open = ambient_occlusion(scene, view, s, -path.ray.direction, sampler, stats);
+      return {open, open, open};
+    }
+    const bool goes_on = bounce(scene, view, s, sampler, path, stats, features);
+    if (features && path.depth <= 2) features->direct = path.sum - features->emission;
+    if (!goes_on) break;
+    ++stats.rays;
   }
+  if (features && path.depth <= 2) features->direct = path.sum - features->emission;
+  return path.sum;
 }
 
 }  // namespace parhelion::PH_ISA

@@ -19,10 +19,13 @@ enum Draw : u32 {
 };
 enum BounceDraw : u32 {
   kDrawLobe,       // which lobe of a material scatters
+  kDrawLobe2,      // and which of that lobe's parts
   kDrawDirection,  // the direction it scatters to
   kDrawLight,      // which light is asked
   kDrawLightPoint,
   kDrawRoulette,
+  kDrawBlend,    // which of two blended materials is there
+  kDrawOpacity,  // whether a ray finds a surface or a hole in it
   kDrawsPerBounce,
 };
 

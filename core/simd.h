@@ -26,6 +26,7 @@ PH_INLINE Vf v_sqrt(Vf a) { return _mm512_sqrt_ps(a); }
 PH_INLINE Vm v_le(Vf a, Vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ); }
 PH_INLINE Vm v_lt(Vf a, Vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
 PH_INLINE Vm v_and(Vm a, Vm b) { return static_cast<Vm>(a & b); }
+PH_INLINE Vm v_or(Vm a, Vm b) { return static_cast<Vm>(a | b); }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm512_mask_blend_ps(m, b, a); }
 PH_INLINE u32 v_bits(Vm m) { return m; }
 #elif defined(__AVX2__)
@@ -41,6 +42,7 @@ PH_INLINE Vf v_sqrt(Vf a) { return _mm256_sqrt_ps(a); }
 PH_INLINE Vm v_le(Vf a, Vf b) { return _mm256_cmp_ps(a, b, _CMP_LE_OQ); }
 PH_INLINE Vm v_lt(Vf a, Vf b) { return _mm256_cmp_ps(a, b, _CMP_LT_OQ); }
 PH_INLINE Vm v_and(Vm a, Vm b) { return _mm256_and_ps(a, b); }
+PH_INLINE Vm v_or(Vm a, Vm b) { return _mm256_or_ps(a, b); }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm256_blendv_ps(b, a, m); }
 PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm256_movemask_ps(m)); }
 #elif defined(__SSE4_2__)
@@ -56,6 +58,7 @@ PH_INLINE Vf v_sqrt(Vf a) { return _mm_sqrt_ps(a); }
 PH_INLINE Vm v_le(Vf a, Vf b) { return _mm_cmple_ps(a, b); }
 PH_INLINE Vm v_lt(Vf a, Vf b) { return _mm_cmplt_ps(a, b); }
 PH_INLINE Vm v_and(Vm a, Vm b) { return _mm_and_ps(a, b); }
+PH_INLINE Vm v_or(Vm a, Vm b) { return _mm_or_ps(a, b); }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm_blendv_ps(b, a, m); }
 PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm_movemask_ps(m)); }
 #else
@@ -71,6 +74,7 @@ PH_INLINE Vf v_sqrt(Vf a) { return sqrt(a); }
 PH_INLINE Vm v_le(Vf a, Vf b) { return a <= b; }
 PH_INLINE Vm v_lt(Vf a, Vf b) { return a < b; }
 PH_INLINE Vm v_and(Vm a, Vm b) { return a && b; }
+PH_INLINE Vm v_or(Vm a, Vm b) { return a || b; }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return m ? a : b; }
 PH_INLINE u32 v_bits(Vm m) { return m ? 1u : 0u; }
 #endif
@@ -147,6 +151,11 @@ PH_INLINE LaneMask operator<=(const Lanes& a, const Lanes& b) {
 PH_INLINE LaneMask operator&(const LaneMask& a, const LaneMask& b) {
   LaneMask r;
   for (int k = 0; k < kParts; ++k) r.part[k] = v_and(a.part[k], b.part[k]);
+  return r;
+}
+PH_INLINE LaneMask operator|(const LaneMask& a, const LaneMask& b) {
+  LaneMask r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = v_or(a.part[k], b.part[k]);
   return r;
 }
 PH_INLINE Lanes select(const LaneMask& m, const Lanes& a, const Lanes& b) {

@@ -15,6 +15,35 @@ struct NearestHit {
   Slot ignore;  // kAny: the light that the ray is on its way to
 };
 
+PH_INLINE Vec3 transform_point(const float (&m)[12], Vec3 p) {
+  return {m[0] * p.x + m[1] * p.y + m[2] * p.z + m[3], m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
+          m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]};
+}
+PH_INLINE Vec3 transform_vector(const float (&m)[12], Vec3 v) {
+  return {m[0] * v.x + m[1] * v.y + m[2] * v.z, m[4] * v.x + m[5] * v.y + m[6] * v.z,
+          m[8] * v.x + m[9] * v.y + m[10] * v.z};
+}
+// By the transposed matrix: normals, from the frame that m leads to into the one it comes from.
+PH_INLINE Vec3 transform_normal(const float (&m)[12], Vec3 n) {
+  return {m[0] * n.x + m[4] * n.y + m[8] * n.z, m[1] * n.x + m[5] * n.y + m[9] * n.z,
+          m[2] * n.x + m[6] * n.y + m[10] * n.z};
+}
+
+// A ray as an instance's group sees it, and the group's units per unit of the ray's distance.
+struct GroupRay {
+  Ray ray;
+  float stretch;
+};
+
+PH_INLINE GroupRay into_group(const Instance& instance, u32 index, const Ray& ray) {
+  const Vec3 d = transform_vector(instance.to_group, ray.direction);
+  const float stretch = length(d);
+  const Slot self =
+      ray.self.instance == index ? Slot{ray.self.leaf, ray.self.lane, kNone} : kNoSlot;
+  return {{transform_point(instance.to_group, ray.origin), d * (1.0f / stretch), self, ray.inward},
+          stretch};
+}
+
 // A block's hits that are nearer than the best so far. With kAny, true at the first hit.
 template <bool kAny, class Block>
 PH_INLINE bool test_block(const Block& block, Child leaf, const Ray& ray, NearestHit& best) {
@@ -30,14 +59,42 @@ PH_INLINE bool test_block(const Block& block, Child leaf, const Ray& ray, Neares
       hits &= hits - 1;
       const u32 id = block.id[lane];
       if (t[lane] < best.hit.t || (t[lane] == best.hit.t && id < best.id)) {
-        best = {{t[lane], {leaf, lane}}, id, kNoSlot};
+        best = {{t[lane], {leaf, lane, kNone}}, id, kNoSlot};
       }
     }
     return false;
   }
 }
 
+template <bool kAny, bool kInside>
+inline bool walk_tree(const SceneView& scene, Child root, const Ray& ray, NearestHit& best);
 template <bool kAny>
+inline bool walk_all(const SceneView& scene, const Group& group, const Ray& ray, NearestHit& best);
+
+// What lies in an instance, by its tree, or, without `tree`, one after the other.
+template <bool kAny>
+inline bool test_instance(const SceneView& scene, u32 index, const Ray& ray, bool tree,
+                          NearestHit& best) {
+  const Instance& instance = scene.instances[index];
+  const GroupRay local = into_group(instance, index, ray);
+  NearestHit inside = {{best.hit.t * local.stretch, kNoSlot}, kNone, kNoSlot};
+  if (kAny && best.ignore.instance == index) {
+    inside.ignore = {best.ignore.leaf, best.ignore.lane, kNone};
+  }
+  const bool any = tree ? walk_tree<kAny, true>(scene, instance.root, local.ray, inside)
+                        : walk_all<kAny>(scene, scene.groups[instance.group], local.ray, inside);
+  if constexpr (kAny) return any;
+  if (inside.hit.slot.leaf == kNone) return false;
+  const float t = inside.hit.t / local.stretch;
+  // Of two at one distance what is seen through the later instance gives way.
+  if (t < best.hit.t ||
+      (t == best.hit.t && best.hit.slot.instance != kNone && index < best.hit.slot.instance)) {
+    best = {{t, {inside.hit.slot.leaf, inside.hit.slot.lane, index}}, inside.id, kNoSlot};
+  }
+  return false;
+}
+
+template <bool kAny, bool kInside>
 PH_INLINE bool test_leaf(const SceneView& scene, Child leaf, const Ray& ray, NearestHit& best) {
   switch (leaf_kind(leaf)) {
 #define SHAPE(name, Type) \
@@ -45,6 +102,10 @@ PH_INLINE bool test_leaf(const SceneView& scene, Child leaf, const Ray& ray, Nea
     return test_block<kAny>(scene.name##s[leaf & kLeafIndexMask], leaf, ray, best);
 #include "shapes.def"
 #undef SHAPE
+    case ShapeKind::instance:
+      if constexpr (!kInside) {
+        return test_instance<kAny>(scene, leaf & kLeafIndexMask, ray, true, best);
+      }
   }
   compiler::unreachable();
 }
@@ -66,18 +127,18 @@ PH_INLINE u32 test_boxes(const Node& node, const Ray& ray, Vec3 inverse, const u
   return bits(first <= last);
 }
 
-template <bool kAny>
-PH_INLINE bool walk_tree(const SceneView& scene, const Ray& ray, NearestHit& best) {
+template <bool kAny, bool kInside>
+inline bool walk_tree(const SceneView& scene, Child root, const Ray& ray, NearestHit& best) {
   const Vec3 inverse = {1.0f / ray.direction.x, 1.0f / ray.direction.y, 1.0f / ray.direction.z};
   const u32 sign[3] = {inverse.x < 0.0f, inverse.y < 0.0f, inverse.z < 0.0f};
   // An entry is a child and, in the upper half, the bits of its distance: of floats that are not
   // negative the order is that of their bits.
   u64 stack[15 * kMaxTreeDepth + 1];
   u64* top = stack;
-  Child child = scene.root;
+  Child child = root;
   for (;;) {
     if (child & kLeafBit) {
-      if (test_leaf<kAny>(scene, child, ray, best)) return true;
+      if (test_leaf<kAny, kInside>(scene, child, ray, best)) return true;
     } else {
       const Node& node = scene.nodes[child];
       alignas(64) float near[16];
@@ -120,24 +181,32 @@ PH_INLINE bool walk_tree(const SceneView& scene, const Ray& ray, NearestHit& bes
 }
 
 template <bool kAny>
-PH_INLINE bool walk_all(const SceneView& scene, const Ray& ray, NearestHit& best) {
+inline bool walk_all(const SceneView& scene, const Group& group, const Ray& ray, NearestHit& best) {
 #define SHAPE(name, Type)                                                 \
-  for (u32 i = 0; i < scene.name##_blocks; ++i) {                         \
+  for (u32 i = group.first_##name; i < group.last_##name; ++i) {          \
     const Child leaf = make_leaf(ShapeKind::name, i);                     \
     if (test_block<kAny>(scene.name##s[i], leaf, ray, best)) return true; \
   }
 #include "shapes.def"
 #undef SHAPE
+  for (u32 i = group.first_instance; i < group.last_instance; ++i) {
+    if (test_instance<kAny>(scene, i, ray, false, best)) return true;
+  }
   return false;
+}
+
+// The scene's own group, after those that instances show.
+PH_INLINE const Group& own_group(const SceneView& scene) {
+  return scene.groups[scene.group_count - 1];
 }
 
 // The nearest hit before `limit`; false for none.
 inline bool intersect(const SceneView& scene, const Ray& ray, float limit, bool tree, Hit& hit) {
   NearestHit best{{limit, kNoSlot}, kNone, kNoSlot};
   if (tree) {
-    walk_tree<false>(scene, ray, best);
+    walk_tree<false, false>(scene, scene.root, ray, best);
   } else {
-    walk_all<false>(scene, ray, best);
+    walk_all<false>(scene, own_group(scene), ray, best);
   }
   hit = best.hit;
   return hit.slot.leaf != kNone;
@@ -146,7 +215,8 @@ inline bool intersect(const SceneView& scene, const Ray& ray, float limit, bool 
 // Whether anything but `ignore` lies before `limit`.
 inline bool occluded(const SceneView& scene, const Ray& ray, float limit, Slot ignore, bool tree) {
   NearestHit best{{limit, kNoSlot}, kNone, ignore};
-  return tree ? walk_tree<true>(scene, ray, best) : walk_all<true>(scene, ray, best);
+  return tree ? walk_tree<true, false>(scene, scene.root, ray, best)
+              : walk_all<true>(scene, own_group(scene), ray, best);
 }
 
 }  // namespace parhelion::PH_ISA

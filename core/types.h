@@ -39,18 +39,20 @@ struct Box {
 };
 
 // A child of a tree node: another node's index, or, with the top bit set, a leaf: the shape's kind
-// in the next three bits and the index of its block in the rest.
+// in the next three bits and in the rest the index of its block, or of the instance itself.
 using Child = u32;
 inline constexpr u32 kLeafBit = 1u << 31;
 inline constexpr int kLeafKindShift = 28;
 inline constexpr u32 kLeafIndexMask = (1u << kLeafKindShift) - 1;
 
-// Where a primitive lies: its leaf and its lane in the leaf's block.
+// Where a primitive lies: its leaf, its lane in the leaf's block, and the instance that it is seen
+// through, kNone for one of the scene itself.
 struct Slot {
   Child leaf;
   u32 lane;
+  u32 instance;
 };
-inline constexpr Slot kNoSlot = {kNone, 0};
+inline constexpr Slot kNoSlot = {kNone, 0, kNone};
 
 // A ray in the scene's normalised units (see host/scene.h). `self` is the primitive that the ray
 // starts on, or kNoSlot: it is never hit at distance 0, without any offset of the origin. `inward`

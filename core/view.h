@@ -1,12 +1,21 @@
 // What a kernel sees of a scene: pointers and counts, all checked by the host before.
 //
 // Lengths are in the scene's normalised units: the host has multiplied them by the power of two
-// that brings the largest coordinate near 1, so nanometres and parsecs look alike here.
+// that brings the largest coordinate near 1, so nanometres and parsecs look alike here. The
+// primitives of a group that is instanced are in units of their own, by another power of two, which
+// the instances' matrices undo.
 #pragma once
 #include "camera.h"
 #include "entry.h"
 #include "filter.h"
+#include "light.h"
+#include "light_tree.h"
+#include "shapes/curve.h"
+#include "shapes/cylinder.h"
+#include "shapes/disk.h"
 #include "shapes/sphere.h"
+#include "shapes/triangle.h"
+#include "texture.h"
 
 namespace parhelion {
 
@@ -14,6 +23,7 @@ enum class ShapeKind : u32 {
 #define SHAPE(name, Type) name,
 #include "shapes.def"
 #undef SHAPE
+  instance = 7,
 };
 
 // Sixteen children and their boxes. Unused ones have low = +inf, high = -inf.
@@ -22,8 +32,8 @@ struct alignas(64) Node {
   Child child[16];
 };
 
-PH_INLINE constexpr Child make_leaf(ShapeKind kind, u32 block) {
-  return kLeafBit | static_cast<u32>(kind) << kLeafKindShift | block;
+PH_INLINE constexpr Child make_leaf(ShapeKind kind, u32 index) {
+  return kLeafBit | static_cast<u32>(kind) << kLeafKindShift | index;
 }
 PH_INLINE constexpr ShapeKind leaf_kind(Child leaf) {
   return static_cast<ShapeKind>((leaf >> kLeafKindShift) & 7u);
@@ -32,29 +42,113 @@ PH_INLINE constexpr ShapeKind leaf_kind(Child leaf) {
 // Levels of nodes in the deepest tree that the builder may make; bounds the traversal's stack.
 inline constexpr int kMaxTreeDepth = 24;
 
-// A light of the scene: an emissive primitive. Picked with probability weight / total.
-struct Emitter {
-  Slot slot;
-  float cumulative;  // sum of the weights up to and including this one, over the total
+// A copy of a group's tree. Matrices are affine, three rows of four, and lead between normalised
+// units of the scene and of the group.
+struct Instance {
+  float to_group[12], to_scene[12];
+  Child root;
+  u32 group;
+  float determinant;  // of to_group's linear part, its size
+  u32 shape;          // its record, which names it
+  u32 first_emitter;  // of the group's emitters as seen through this instance
 };
+
+// A group that instances show, or, as the last one, the scene's own tree: where its blocks lie.
+struct Group {
+  Child root;
+#define SHAPE(name, Type) u32 first_##name, last_##name;
+#include "shapes.def"
+#undef SHAPE
+  u32 first_instance, last_instance;
+};
+
+// An array of numbers over a mesh, for textures.
+struct MeshAttribute {
+  const float* values;
+  u32 name;        // as texture parameters say it
+  u32 components;  // 1 or 3
+  bool per_face;   // else per vertex
+};
+
+// What all primitives of one shape of the user's have in common. Null pointers: there is none.
+struct ShapeRecord {
+  u32 first_id;         // ids of its primitives go on from here
+  u32 material;         // kNone: material_of says
+  u32 first_emitter;    // its primitives' emitters go on from here; kNone if it does not shine
+  const u32* faces;     // three vertices a triangle
+  const Vec3* normals;  // by vertex, unit
+  const Vec2* uvs;      // by vertex
+  const MeshAttribute* attributes;
+  u32 attribute_count;
+  bool inside_out;    // normals point the other way
+  float rotation[9];  // of a sphere's own frame to the scene, row-major
+};
+
+// A texture that stands for some of a material's parameters.
+struct TextureBinding {
+  u32 texture;
+  u32 offset;   // of the first float that is replaced
+  u32 size;     // 1 or 3
+  u32 channel;  // of a single number: 0 luminance, 1 r, 2 g, 3 b, 4 a
+};
+
+// A surface's material: its type's own parameters, and what every type has.
+struct MaterialRecord {
+  ParamBlock block;
+  u32 first_binding, binding_count;
+  Vec3 emission;  // radiance
+  u32 emission_texture;
+  float opacity;
+  TextureBinding opacity_texture;  // its texture is kNone if there is none
+  u32 normal_map, bump_map;
+  float bump_scale;               // the map's unit of height in normalised units
+  u32 blend_first, blend_second;  // kNone, or a blend: this record stands for one of these
+  float blend_weight;             // share of the second
+  TextureBinding blend_texture;
+  u32 back;  // record of the back; this one's own index if both sides look the same; kNone: black
+  u32 priority;
+  Vec3 absorption;  // 1 / normalised unit
+  bool emits_back;
+  bool uses_uv;  // some texture or anisotropy needs the surface's parametrisation
+};
+
+// A light of the scene: an emissive primitive.
+using Emitter = Slot;
 
 struct SceneView {
   const Node* nodes;
   Child root;
   Box bounds;
+  double unit;  // user's units per normalised unit
 #define SHAPE(name, Type)     \
   const Type##Block* name##s; \
   u32 name##_blocks;
 #include "shapes.def"
 #undef SHAPE
-  const ParamBlock* materials;
-  const u32* material_of;  // by primitive id; null if all have material 0
+  const Instance* instances;
+  const Group* groups;
+  u32 group_count;
+  const ShapeRecord* shapes;
+  u32 shape_count;
+  const MaterialRecord* materials;
+  const TextureBinding* bindings;
+  const TextureRecord* textures;
+  const ImageView* images;
+  const u32* material_of;  // by primitive id, where a shape's record says so
   const Vec3* color_of;    // by primitive id, NaN in x for the material's own; null if none has one
+  bool has_holes;          // some material is not opaque
+
+  // Lights: emissive primitives, then those of `lights` that lie in the scene, are the leaves of
+  // the light tree; the rest of `lights` shine from outside, last those that are not asked for.
+  LightTreeView light_tree;
   const Emitter* emitters;
   u32 emitter_count;
-  float emitter_total;  // sum of emitter weights
-  ParamBlock background;
+  const LightRecord* lights;
+  u32 light_count, outside_first, smooth_first;
+  LightTables tables;
 };
+
+enum class Integrator : u32 { path, direct, ambient_occlusion };
 
 // Everything else that a picture depends on.
 struct RenderView {
@@ -65,6 +159,8 @@ struct RenderView {
   u32 max_depth;  // rays in a path, at most
   bool roulette;
   bool tree;  // false: test every primitive
+  Integrator integrator;
+  float ao_distance;  // normalised units
 };
 
 }  // namespace parhelion

@@ -5,6 +5,7 @@
 // minima, maxima and counts, which no order changes, and the split into parallel jobs is by size.
 #pragma once
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -38,18 +39,33 @@ struct Aabb {
   }
 };
 
-// A tree over references: Ref has `Aabb box() const` and `center(int axis) const`. Leaves hold up
-// to sixteen; `make_leaf(refs, n, blocks)` appends a block to a vector and returns the leaf's Child
-// with an index counted from that vector's start.
-template <class Ref, class Block>
+// The blocks of every kind of shape.
+struct Blocks {
+#define SHAPE(name, Type) std::vector<Type##Block> name##s;
+#include "../core/shapes.def"
+#undef SHAPE
+};
+
+// What the tree is built over: a primitive's box, its id, and the user's shape that it belongs to.
+struct Ref {
+  Aabb box;
+  u32 id;
+  u32 shape;
+
+  float center(int axis) const { return 0.5f * (box.low[axis] + box.high[axis]); }
+};
+
+// `Leaves` knows the primitives: `kind(ref)`, and `append(refs, n, blocks)`, which makes a leaf of
+// up to sixteen of one kind and returns it, its index counted from the start of `blocks`. Instances
+// are leaves by themselves, and their index is final.
+template <class Leaves>
 class TreeBuilder {
  public:
-  TreeBuilder(std::vector<Ref>& refs, ShapeKind kind, Block (*make_block)(const Ref*, size_t))
-      : refs_(refs), kind_(kind), make_block_(make_block) {}
+  TreeBuilder(std::vector<Ref>& refs, const Leaves& leaves) : refs_(refs), leaves_(leaves) {}
 
   // Results; `root` is meaningless without references.
   std::vector<Node> nodes;
-  std::vector<Block> blocks;
+  Blocks blocks;
   Child root = 0;
   Aabb bounds;
 
@@ -88,7 +104,7 @@ class TreeBuilder {
   };
   struct Subtree {
     std::vector<Node> nodes;
-    std::vector<Block> blocks;
+    Blocks blocks;
     Child root = 0;
   };
   struct Bin {
@@ -102,8 +118,7 @@ class TreeBuilder {
   };
 
   std::vector<Ref>& refs_;
-  ShapeKind kind_;
-  Block (*make_block_)(const Ref*, size_t);
+  const Leaves& leaves_;
 
   // Bounds of a part's boxes and of their centres.
   Part measure(Part p) {
@@ -120,7 +135,7 @@ class TreeBuilder {
   }
 
   static void add_to(Bin& bin, const Ref& ref) {
-    bin.box.grow(ref.box());
+    bin.box.grow(ref.box);
     const float center[3] = {ref.center(0), ref.center(1), ref.center(2)};
     bin.centers.grow(center);
     ++bin.count;
@@ -290,11 +305,8 @@ class TreeBuilder {
   }
 
   // One job: the whole tree below a part, its indices counted from the start of its own vectors.
-  Child subtree(const Part& p, int depth, std::vector<Node>& local, std::vector<Block>& leaves) {
-    if (p.size() <= kLeafSize) {
-      leaves.push_back(make_block_(&refs_[p.first], p.size()));
-      return make_leaf(kind_, static_cast<u32>(leaves.size() - 1));
-    }
+  Child subtree(const Part& p, int depth, std::vector<Node>& local, Blocks& leaves) {
+    if (p.size() <= kLeafSize) return leaf(p, local, leaves);
     Part child[16];
     const int count = children_of(p, depth, child);
     const size_t index = local.size();
@@ -307,21 +319,57 @@ class TreeBuilder {
     return static_cast<Child>(index);
   }
 
+  // A leaf, or, of primitives of several kinds, a node over one of each; instances stay apart.
+  Child leaf(const Part& p, std::vector<Node>& local, Blocks& leaves) {
+    Ref* const first = &refs_[p.first];
+    Ref* const last = first + p.size();
+    std::stable_sort(first, last,
+                     [&](const Ref& a, const Ref& b) { return leaves_.kind(a) < leaves_.kind(b); });
+    const auto end_of = [&](const Ref* from) {
+      const ShapeKind kind = leaves_.kind(*from);
+      const Ref* to = from + 1;
+      if (kind == ShapeKind::instance) return to;
+      while (to != last && leaves_.kind(*to) == kind) ++to;
+      return to;
+    };
+    if (end_of(first) == last) return leaves_.append(first, p.size(), leaves);
+    const size_t index = local.size();
+    local.push_back(empty_node());
+    int lane = 0;
+    for (const Ref* from = first; from != last;) {
+      const Ref* to = end_of(from);
+      Aabb box;
+      for (const Ref* r = from; r != to; ++r) box.grow(r->box);
+      set_box(local[index], lane, box);
+      local[index].child[lane++] = leaves_.append(from, static_cast<size_t>(to - from), leaves);
+      from = to;
+    }
+    return static_cast<Child>(index);
+  }
+
   // Lays the top and all subtrees out in one array each, in the order of the jobs.
   void join(std::vector<Node> top, const std::vector<Job>& jobs, std::vector<Subtree>& parts) {
-    size_t node_count = top.size(), block_count = 0;
-    std::vector<u32> node_base(jobs.size()), block_base(jobs.size());
+    size_t node_count = top.size();
+    std::vector<u32> node_base(jobs.size());
+    std::vector<std::array<u32, 8>> block_base(jobs.size());  // by kind; instances stay at 0
+    std::array<u32, 8> block_count{};
     for (size_t i = 0; i < jobs.size(); ++i) {
       node_base[i] = static_cast<u32>(node_count);
-      block_base[i] = static_cast<u32>(block_count);
+      block_base[i] = block_count;
       node_count += parts[i].nodes.size();
-      block_count += parts[i].blocks.size();
+#define SHAPE(name, Type)                           \
+  block_count[static_cast<u32>(ShapeKind::name)] += \
+      static_cast<u32>(parts[i].blocks.name##s.size());
+#include "../core/shapes.def"
+#undef SHAPE
     }
     nodes = std::move(top);
     nodes.resize(node_count);
-    blocks.resize(block_count);
+#define SHAPE(name, Type) blocks.name##s.resize(block_count[static_cast<u32>(ShapeKind::name)]);
+#include "../core/shapes.def"
+#undef SHAPE
     const auto moved = [&](Child c, size_t i) {
-      return c & kLeafBit ? c + block_base[i] : c + node_base[i];
+      return c & kLeafBit ? c + block_base[i][static_cast<u32>(leaf_kind(c))] : c + node_base[i];
     };
     for (size_t i = 0; i < jobs.size(); ++i) {
       const Child c = moved(parts[i].root, i);
@@ -340,7 +388,11 @@ class TreeBuilder {
         }
       }
       std::copy(part.nodes.begin(), part.nodes.end(), nodes.begin() + node_base[i]);
-      std::copy(part.blocks.begin(), part.blocks.end(), blocks.begin() + block_base[i]);
+#define SHAPE(name, Type)                                           \
+  std::copy(part.blocks.name##s.begin(), part.blocks.name##s.end(), \
+            blocks.name##s.begin() + block_base[i][static_cast<u32>(ShapeKind::name)]);
+#include "../core/shapes.def"
+#undef SHAPE
       part = Subtree();
     }
   }

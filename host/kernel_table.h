@@ -15,15 +15,18 @@ struct BsdfProbe {
 struct LightProbe {
   Vec3 direction;
   float distance, pdf;
+  Vec3 radiance;
+  u32 delta;
 };
 
 // Everything that is compiled once per instruction set.
 struct Kernels {
   const char* name;
 
-  // Adds samples [first, last) of pixels [x0, x1) of row y to `row`, which begins at x0.
+  // Adds samples [first, last) of pixels [x0, x1) of row y to `row`, which begins at x0, and,
+  // unless it is null, to `features`.
   void (*render_row)(const SceneView&, const RenderView&, u32 y, u32 x0, u32 x1, u32 first,
-                     u32 last, FilmPixel* row, PathStats&);
+                     u32 last, FilmPixel* row, FeaturePixel* features, PathStats&);
   // The radiance of one sample.
   Vec3 (*radiance)(const SceneView&, const RenderView&, u32 x, u32 y, u32 sample);
   // Nearest hits and occlusion of n rays, each up to limit[i].

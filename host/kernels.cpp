@@ -9,20 +9,49 @@
 namespace parhelion::PH_ISA {
 namespace {
 
+void record(FeaturePixel& pixel, const Features& f, u32 sample) {
+  if (sample == 0) {
+    pixel.shape = f.shape;
+    pixel.material = f.material;
+  }
+  ++pixel.count;
+  const float light[kLightFloats] = {f.albedo.x,   f.albedo.y,   f.albedo.z,
+                                     f.emission.x, f.emission.y, f.emission.z,
+                                     f.direct.x,   f.direct.y,   f.direct.z};
+  for (u32 i = 0; i < kLightFloats; ++i) {
+    if (finite(light[i])) add(pixel.light[i], light[i]);
+  }
+  if (f.shape == kNone) return;
+  ++pixel.hits;
+  const Vec3 n = f.normal, m = f.shading_normal, p = f.position;
+  const float place[kPlaceFloats] = {f.depth, p.x, p.y, p.z, n.x,    n.y,
+                                     n.z,     m.x, m.y, m.z, f.uv.x, f.uv.y};
+  for (u32 i = 0; i < kPlaceFloats; ++i) {
+    if (finite(place[i])) add(pixel.place[i], place[i]);
+  }
+}
+
 void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u32 x1, u32 first,
-                u32 last, FilmPixel* row, PathStats& stats) {
+                u32 last, FilmPixel* row, FeaturePixel* features, PathStats& stats) {
   for (u32 x = x0; x < x1; ++x) {
     FilmPixel& pixel = row[x - x0];
     for (u32 sample = first; sample < last; ++sample) {
-      add(pixel, radiance(scene, view, x, y, sample, stats));
+      if (features) {
+        Features f;
+        add(pixel, radiance(scene, view, x, y, sample, stats, &f));
+        record(features[x - x0], f, sample);
+      } else {
+        add(pixel, radiance(scene, view, x, y, sample, stats, nullptr));
+      }
     }
     carry(pixel);
+    if (features) carry(features[x - x0]);
   }
 }
 
 Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample) {
   PathStats stats = {0};
-  return radiance(scene, view, x, y, sample, stats);
+  return radiance(scene, view, x, y, sample, stats, nullptr);
 }
 
 void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
@@ -96,10 +125,10 @@ void bsdf_eval(const ParamBlock& block, Vec3 wo, const Vec3* wi, u64 n, Vec3* va
 void light_sample(const SceneView& scene, Vec3 from, u64 seed, u64 n, LightProbe* out) {
   for (u64 i = 0; i < n; ++i) {
     const Sampler s = make_sampler(SamplerKind::independent, 0, 0, static_cast<u32>(i), seed);
-    const float u = draw1(s, kDrawLight);
+    const Vec2 u = draw2(s, kDrawLight);
     const Vec2 v = draw2(s, kDrawLightPoint);
-    const LightSample light = sample_light(scene, from, u, v);
-    out[i] = {light.direction, light.distance, light.pdf};
+    const DirectSample light = sample_lights(scene, {from, {0, 0, 0}}, u, v);
+    out[i] = {light.direction, light.distance, light.pdf, light.radiance, light.delta};
   }
 }
 

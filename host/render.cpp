@@ -9,8 +9,13 @@
 
 namespace parhelion {
 
-Film::Film(u32 x0, u32 y0, u32 w, u32 h)
-    : x(x0), y(y0), width(w), height(h), pixels(static_cast<size_t>(w) * h, FilmPixel{}) {}
+Film::Film(u32 x0, u32 y0, u32 w, u32 h, bool with_features)
+    : x(x0),
+      y(y0),
+      width(w),
+      height(h),
+      pixels(static_cast<size_t>(w) * h, FilmPixel{}),
+      features(with_features ? static_cast<size_t>(w) * h : 0, FeaturePixel{}) {}
 
 void Film::means(float* rgb) const {
   for (const FilmPixel& p : pixels) {
@@ -91,12 +96,14 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderV
       PathStats stats = {0};
       u64 done = 0;
       for (u32 y = y0; y < y1; ++y) {
-        FilmPixel* row = &film.pixels[static_cast<size_t>(y) * film.width + x0];
+        const size_t place = static_cast<size_t>(y) * film.width + x0;
+        FilmPixel* row = &film.pixels[place];
+        FeaturePixel* features = film.features.empty() ? nullptr : &film.features[place];
         for (u64 from = first; from < last; from += stride) {
           if (pass.stop.load(std::memory_order_relaxed)) break;
           const u32 to = static_cast<u32>(std::min<u64>(last, from + stride));
           kernels.render_row(scene_view, view, film.y + y, film.x + x0, film.x + x1,
-                             static_cast<u32>(from), to, row, stats);
+                             static_cast<u32>(from), to, row, features, stats);
           done += static_cast<u64>(x1 - x0) * (to - from);
           if (first_thread) pass.maybe_tick(done, stats.rays);
         }

@@ -13,8 +13,9 @@ namespace parhelion {
 struct Film {
   u32 x, y, width, height;
   std::vector<FilmPixel> pixels;
+  std::vector<FeaturePixel> features;  // as many, or none
 
-  Film(u32 x, u32 y, u32 width, u32 height);
+  Film(u32 x, u32 y, u32 width, u32 height, bool with_features);
   // Means, (height, width, 3). A pixel without samples is black.
   void means(float* rgb) const;
 };

@@ -4,289 +4,585 @@
 #include <cstdio>
 #include <limits>
 
-#include "build.h"
+#include "check.h"
 #include "errors.h"
+#include "shapes.h"
+#include "sky.h"
 
 namespace parhelion {
 namespace {
 
 constexpr size_t kMaxPrimitives = 0xfffffff0u;  // ids are 32 bits, and ~0 is none
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
-std::string text(double x) {
-  char buffer[40];
-  std::snprintf(buffer, sizeof buffer, "%.9g", x);
-  return buffer;
-}
+// The primitives of a group, for the tree builder.
+struct Leaves {
+  const GroupInput& shapes;
+  const std::vector<ShapeRecord>& records;
+  size_t first_record;
+  const std::vector<Aabb>& instance_boxes;
+  u32 first_instance_id, first_instance;
+  double scale;
 
-double number(const void* array, bool is_double, size_t i) {
-  return is_double ? static_cast<const double*>(array)[i]
-                   : static_cast<double>(static_cast<const float*>(array)[i]);
-}
+  ShapeKind kind(const Ref& r) const { return shapes[r.shape].kind; }
+  size_t local(const Ref& r) const { return r.id - records[first_record + r.shape].first_id; }
 
-double radius_of(const SphereGroup& g, size_t i) {
-  return number(g.radii, g.radii_double, g.one_radius ? 0 : i);
-}
-
-[[noreturn]] void fail(const SphereGroup& g, const char* field, size_t i, const std::string& what) {
-  throw SceneError("shape '" + g.name + "': " + field + "[" + std::to_string(i) + "] is " + what);
-}
-
-// The values that a primitive's own colour may have: those of its material's first parameter.
-struct ColorRange {
-  float low, high;
-  const char* material;
-};
-
-ColorRange color_range(const ParamBlock& material) {
-  switch (static_cast<MaterialKind>(material.kind)) {
-#define MATERIAL(name, Type) \
-  case MaterialKind::name:   \
-    return {baseline::Type::params[0].low, baseline::Type::params[0].high, #name};
-#include "../core/materials.def"
-#undef MATERIAL
+  template <class Shape, class Block>
+  u32 fill(const Ref* refs, size_t n, std::vector<Block>& blocks) const {
+    Block block = empty_block<Block>();
+    Shape made[16];
+    for (size_t i = 0; i < n; ++i) {
+      made[i] = make_primitive<Shape>(shapes[refs[i].shape], local(refs[i]), scale);
+    }
+    for (size_t i = 0; i < n; ++i) {
+      if (!has_twin_before(made, refs, n, i)) put(block, i, made[i], refs[i].id);
+    }
+    blocks.push_back(block);
+    return static_cast<u32>(blocks.size() - 1);
   }
-  throw SceneError("a material of unknown kind");
-}
 
-// Checks every element; returns the largest |coordinate| + radius. The loop only gathers, and
-// looks for the culprit when there is one, so that it runs at the speed of memory.
-double check(const SphereGroup& g, const std::vector<ColorRange>& colors) {
-  const size_t material_count = colors.size();
-  const auto range_of = [&](size_t i) {
-    return colors[g.material_of ? g.material_of[i] : g.material];
-  };
-  double extent = 0.0;
-  bool sound = true;
-#pragma omp parallel for reduction(max : extent) reduction(&& : sound)
-  for (size_t i = 0; i < g.count; ++i) {
-    const double r = radius_of(g, i);
-    double size = 0.0;
-    for (size_t k = 0; k < 3; ++k) {
-      const double c = number(g.centers, g.centers_double, 3 * i + k);
-      size = std::max(size, std::fabs(c));
-      sound = sound && std::isfinite(c);
+  Child append(const Ref* refs, size_t n, Blocks& blocks) const {
+    switch (kind(*refs)) {
+#define SHAPE(name, Type) \
+  case ShapeKind::name:   \
+    return make_leaf(ShapeKind::name, fill<baseline::Type>(refs, n, blocks.name##s));
+#include "../core/shapes.def"
+#undef SHAPE
+      case ShapeKind::instance: break;
     }
-    sound = sound && std::isfinite(r) && r > 0.0;
-    sound = sound && (!g.material_of || g.material_of[i] < material_count);
-    for (size_t k = 0; sound && g.colors && k < 3; ++k) {
-      const float c = g.colors[3 * i + k];
-      sound = c >= range_of(i).low && c <= range_of(i).high;
-    }
-    extent = std::max(extent, size + r);
+    return make_leaf(ShapeKind::instance, first_instance + (refs->id - first_instance_id));
   }
-  for (size_t i = 0; !sound && i < g.count; ++i) {
-    for (size_t k = 0; k < 3; ++k) {
-      const double c = number(g.centers, g.centers_double, 3 * i + k);
-      if (!std::isfinite(c)) {
-        fail(g, "centers", i, std::string("not finite: ") + "xyz"[k] + " = " + text(c));
-      }
-    }
-    const double r = radius_of(g, i);
-    if (!std::isfinite(r) || !(r > 0.0)) {
-      fail(g, "radii", i, text(r) + "; a radius must be finite and greater than 0");
-    }
-    if (g.material_of && g.material_of[i] >= material_count) {
-      fail(g, "material", i,
-           std::to_string(g.material_of[i]) + "; the scene has materials 0 to " +
-               std::to_string(material_count - 1));
-    }
-    for (size_t k = 0; g.colors && k < 3; ++k) {
-      const float c = g.colors[3 * i + k];
-      const ColorRange range = range_of(i);
-      if (!(c >= range.low && c <= range.high)) {
-        fail(g, "colors", i,
-             text(static_cast<double>(c)) + " in " + "rgb"[k] + "; the colour of " +
-                 range.material + " must lie in [" + text(range.low) + ", " + text(range.high) +
-                 "]");
-      }
-    }
-  }
-  if (!std::isfinite(extent)) {
-    throw SceneError("shape '" + g.name + "': its coordinates are too large to add to its radii");
-  }
-  return extent;
-}
 
-// Refuses spheres whose squared radius would be lost beside a scene of the given extent.
-void check_sizes(const SphereGroup& g, double extent) {
-  constexpr double kSmallest = 1e-15;
-  const size_t radii = g.one_radius ? std::min<size_t>(g.count, 1) : g.count;
-  double least = extent;
-#pragma omp parallel for reduction(min : least)
-  for (size_t i = 0; i < radii; ++i) least = std::min(least, radius_of(g, i));
-  if (least >= kSmallest * extent) return;
-  for (size_t i = 0; i < radii; ++i) {
-    if (radius_of(g, i) < kSmallest * extent) {
-      fail(g, "radii", i,
-           text(radius_of(g, i)) + ", but the scene reaches out to " + text(extent) +
-               "; spheres of less than 1e-15 of that cannot be rendered with it");
+  Aabb box(const Ref& r) const {
+    switch (kind(r)) {
+#define SHAPE(name, Type) \
+  case ShapeKind::name:   \
+    return box_of(make_primitive<baseline::Type>(shapes[r.shape], local(r), scale));
+#include "../core/shapes.def"
+#undef SHAPE
+      case ShapeKind::instance: break;
     }
-  }
-}
-
-struct SphereRef {
-  float x, y, z, radius;
-  u32 id;
-
-  float center(int axis) const { return axis == 0 ? x : axis == 1 ? y : z; }
-  // Padded by the rounding of a centre's distance from a ray's origin within the scene.
-  Aabb box() const {
-    Aabb b;
-    for (int k = 0; k < 3; ++k) {
-      const float c = center(k);
-      const float half = radius + (std::fabs(c) + radius) * 0x1p-21f;
-      b.low[k] = c - half;
-      b.high[k] = c + half;
-    }
-    return b;
+    return instance_boxes[r.id - first_instance_id];
   }
 };
 
-// Of spheres that coincide, the one of the lowest id stands for all: a ray that starts on one would
-// otherwise meet its twin at once, or not, as rounding has it. Centres that coincide share a leaf
-// unless there are more of them than it holds.
-bool has_twin_before(const SphereRef* refs, size_t n, const SphereRef& r) {
-  for (size_t i = 0; i < n; ++i) {
-    const SphereRef& other = refs[i];
-    if (other.id < r.id && other.x == r.x && other.y == r.y && other.z == r.z &&
-        other.radius == r.radius) {
-      return true;
-    }
-  }
-  return false;
+// To [0.5, 1): exact, being a power of two.
+double normalising(double extent) {
+  return extent > 0.0 ? std::ldexp(1.0, -(std::ilogb(extent) + 1)) : 1.0;
 }
 
-SphereBlock make_block(const SphereRef* refs, size_t n) {
-  SphereBlock b;
-  constexpr float nan = std::numeric_limits<float>::quiet_NaN();
-  for (size_t i = 0; i < 16; ++i) {
-    const bool used = i < n && !has_twin_before(refs, n, refs[i]);
-    b.x[i] = used ? refs[i].x : nan;
-    b.y[i] = used ? refs[i].y : nan;
-    b.z[i] = used ? refs[i].z : nan;
-    b.radius[i] = used ? refs[i].radius : nan;
-    b.id[i] = used ? refs[i].id : kNone;
+struct Matrix {
+  double m[12];
+
+  void apply(const double (&p)[3], double (&out)[3]) const {
+    for (int r = 0; r < 3; ++r) {
+      out[r] = m[4 * r] * p[0] + m[4 * r + 1] * p[1] + m[4 * r + 2] * p[2] + m[4 * r + 3];
+    }
   }
-  return b;
+  double determinant() const {
+    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+           m[2] * (m[4] * m[9] - m[5] * m[8]);
+  }
+  Matrix inverse() const {
+    const double d = 1.0 / determinant();
+    Matrix i{{(m[5] * m[10] - m[6] * m[9]) * d, (m[2] * m[9] - m[1] * m[10]) * d,
+              (m[1] * m[6] - m[2] * m[5]) * d, 0.0, (m[6] * m[8] - m[4] * m[10]) * d,
+              (m[0] * m[10] - m[2] * m[8]) * d, (m[2] * m[4] - m[0] * m[6]) * d, 0.0,
+              (m[4] * m[9] - m[5] * m[8]) * d, (m[1] * m[8] - m[0] * m[9]) * d,
+              (m[0] * m[5] - m[1] * m[4]) * d, 0.0}};
+    for (int r = 0; r < 3; ++r) {
+      i.m[4 * r + 3] = -(i.m[4 * r] * m[3] + i.m[4 * r + 1] * m[7] + i.m[4 * r + 2] * m[11]);
+    }
+    return i;
+  }
+};
+
+Matrix transform_of(const ShapeInput& s, size_t i) {
+  Matrix m;
+  std::copy(s.transforms + 12 * i, s.transforms + 12 * (i + 1), m.m);
+  return m;
+}
+
+// Of a group seen through a matrix: from normalised units of one to those of the other.
+Matrix between(Matrix m, double from_scale, double to_scale) {
+  for (int k = 0; k < 12; ++k) m.m[k] *= k % 4 == 3 ? to_scale : to_scale / from_scale;
+  return m;
+}
+
+Aabb transformed(const Box& b, const Matrix& m) {
+  Aabb out;
+  for (int corner = 0; corner < 8; ++corner) {
+    const double p[3] = {corner & 1 ? b.high.x : b.low.x, corner & 2 ? b.high.y : b.low.y,
+                         corner & 4 ? b.high.z : b.low.z};
+    double q[3];
+    m.apply(p, q);
+    float f[3];
+    for (int k = 0; k < 3; ++k) f[k] = static_cast<float>(q[k]);
+    out.grow(f);
+  }
+  // The ray is transformed in float, which moves it by some roundings of the scene's own size.
+  for (int k = 0; k < 3; ++k) out.low[k] -= 0x1p-20f, out.high[k] += 0x1p-20f;
+  return out;
+}
+
+template <class T>
+void append(std::vector<T>& to, std::vector<T>&& from) {
+  if (to.empty()) {
+    to = std::move(from);
+  } else {
+    to.insert(to.end(), from.begin(), from.end());
+  }
+}
+
+// A place on a primitive, from two numbers in [0, 1].
+void place_on(const baseline::Triangle&, float u, float v, baseline::SurfacePoint& p) {
+  const float root = std::sqrt(u);
+  p.parameter = {root * (1.0f - v), root * v};
+}
+void place_on(const baseline::Sphere&, float u, float v, baseline::SurfacePoint& p) {
+  p.normal = baseline::uniform_sphere({u, v});
+}
+template <class Shape>
+void place_on(const Shape&, float u, float v, baseline::SurfacePoint& p) {
+  p.parameter = {u, v};
+}
+
+template <class Shape>
+constexpr bool is_flat =
+    std::is_same_v<Shape, baseline::Triangle> || std::is_same_v<Shape, baseline::Disk>;
+
+Vec3 normal_of(const baseline::Triangle& t) {
+  return baseline::to_float(baseline::normalize(doubled_area(t)));
+}
+Vec3 normal_of(const baseline::Disk& d) {
+  return baseline::to_float(baseline::normalize(scaled_normal(d)));
+}
+template <class Shape>
+Vec3 normal_of(const Shape&) {
+  return {0, 0, 1};
 }
 
 }  // namespace
 
-Scene::Scene(const std::vector<SphereGroup>& groups, std::vector<ParamBlock> materials,
-             const ParamBlock& background)
-    : materials_(std::move(materials)) {
-  std::vector<ColorRange> ranges;
-  for (const ParamBlock& m : materials_) ranges.push_back(color_range(m));
-  double extent = 0.0;
+Scene::Scene(SceneInput input)
+    : bindings_(std::move(input.bindings)), textures_(std::move(input.textures)) {
+  if (input.groups.empty()) input.groups.emplace_back();
+  for (const ImageInput& image : input.images) pyramids_.emplace_back(image);
+  for (const ImagePyramid& p : pyramids_) images_.push_back(p.view());
+  view_.images = images_.data();
+  view_.textures = textures_.data();
+  view_.bindings = bindings_.data();
+
+  // What primitives have of their own, by id.
   bool many_materials = false, colored = false;
-  u32 first_material = groups.empty() ? 0 : groups[0].material;
-  for (const SphereGroup& g : groups) {
-    if (sphere_count_ + g.count > kMaxPrimitives) {
-      throw SceneError("shape '" + g.name + "': the scene has more than " +
-                       std::to_string(kMaxPrimitives) + " spheres");
+  for (const GroupInput& group : input.groups) {
+    for (const ShapeInput& s : group) {
+      if (primitive_count_ + s.count > kMaxPrimitives) {
+        throw SceneError("shape '" + s.name + "': the scene has more than " +
+                         std::to_string(kMaxPrimitives) + " primitives");
+      }
+      primitive_count_ += s.count;
+      count_of_[static_cast<u32>(s.kind)] += s.count;
+      many_materials = many_materials || s.material_of;
+      colored = colored || s.colors;
     }
-    if (!g.material_of && g.material >= materials_.size()) {
-      throw SceneError("shape '" + g.name + "': material " + std::to_string(g.material) + " of " +
-                       std::to_string(materials_.size()));
+  }
+  if (many_materials) material_of_.resize(primitive_count_);
+  if (colored) color_of_.assign(primitive_count_, {kNan, kNan, kNan});
+  materials_ = std::move(input.materials);
+
+  std::vector<BuiltGroup> built;
+  built.reserve(input.groups.size());
+  u32 next_id = 0;
+  for (size_t g = 0; g < input.groups.size(); ++g) {
+    add_group(input.groups[g], built, next_id, g + 1 == input.groups.size());
+  }
+  scale_ = built.back().scale;
+
+  view_.nodes = nodes_.data();
+  view_.root = groups_.back().root;
+  view_.bounds = built.back().bounds;
+  view_.unit = 1.0 / scale_;
+#define SHAPE(name, Type)          \
+  view_.name##s = name##s_.data(); \
+  view_.name##_blocks = static_cast<u32>(name##s_.size());
+#include "../core/shapes.def"
+#undef SHAPE
+  view_.instances = instances_.data();
+  view_.groups = groups_.data();
+  view_.group_count = static_cast<u32>(groups_.size());
+  view_.shapes = shapes_.data();
+  view_.shape_count = static_cast<u32>(shapes_.size());
+  view_.material_of = material_of_.empty() ? nullptr : material_of_.data();
+  view_.color_of = color_of_.empty() ? nullptr : color_of_.data();
+  make_materials();
+  make_lights(std::move(input.lights), built);
+}
+
+void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, u32& next_id,
+                      bool own) {
+  double extent = 0.0;
+  size_t count = 0;
+  const SceneChecks checks(materials_);
+  for (const ShapeInput& s : shapes) {
+    if (s.kind != ShapeKind::instance) {
+      extent = std::max(extent, checks.extent(s));
+    } else {
+      if (!own) throw SceneError("shape '" + s.name + "': instances within a group of instances");
+      checks.instances(s, static_cast<u32>(built.size()));
+      for (size_t i = 0; i < s.count; ++i) {
+        const Aabb b = transformed(built[s.group].bounds,
+                                   between(transform_of(s, i), built[s.group].scale, 1.0));
+        for (int k = 0; k < 3; ++k) {
+          extent = std::max({extent, static_cast<double>(std::fabs(b.low[k])),
+                             static_cast<double>(std::fabs(b.high[k]))});
+        }
+      }
     }
-    extent = std::max(extent, check(g, ranges));
-    sphere_count_ += g.count;
-    many_materials = many_materials || g.material_of || g.material != first_material;
-    colored = colored || g.colors;
+    count += s.count;
   }
-  // To [0.5, 1): exact, being a power of two.
-  if (extent > 0.0) scale_ = std::ldexp(1.0, -(std::ilogb(extent) + 1));
-
-  for (const SphereGroup& g : groups) check_sizes(g, extent);
-
-  std::vector<SphereRef> refs(sphere_count_);
-  if (many_materials || (first_material != 0 && sphere_count_ > 0)) {
-    material_of_.resize(sphere_count_);
+  if (!std::isfinite(extent) || extent > 1e37) {
+    throw SceneError("instances place shapes too far away: " + std::to_string(extent));
   }
-  if (colored) color_of_.resize(sphere_count_);
-  size_t base = 0;
-  for (const SphereGroup& g : groups) {
+  for (const ShapeInput& s : shapes) checks.sizes(s, extent);
+  BuiltGroup group{normalising(extent), {}, {}};
+
+  // Records, and the emitters' places in the group's list.
+  const size_t first_record = shapes_.size();
+  const u32 first_instance = static_cast<u32>(instances_.size());
+  const u32 first_group_id = next_id;
+  u32 emitters = 0, first_instance_id = 0;
+  std::vector<Aabb> instance_boxes;
+  for (const ShapeInput& s : shapes) {
+    ShapeRecord record{};
+    record.first_id = next_id;
+    record.material = s.material_of ? kNone : s.material;
+    record.inside_out = s.inside_out;
+    record.first_emitter = kNone;
+    std::copy(s.rotation, s.rotation + 9, record.rotation);
+    if (s.kind == ShapeKind::instance) {
+      if (instance_boxes.empty()) first_instance_id = next_id;
+      record.material = 0;
+      for (size_t i = 0; i < s.count; ++i) {
+        const BuiltGroup& shown = built[s.group];
+        const Matrix m = between(transform_of(s, i), shown.scale, group.scale);
+        const Matrix inverse = m.inverse();
+        Instance instance{};
+        for (int k = 0; k < 12; ++k) {
+          instance.to_scene[k] = static_cast<float>(m.m[k]);
+          instance.to_group[k] = static_cast<float>(inverse.m[k]);
+        }
+        instance.root = groups_[s.group].root;
+        instance.group = s.group;
+        instance.determinant = static_cast<float>(std::fabs(inverse.determinant()));
+        instance.shape = static_cast<u32>(shapes_.size());
+        instances_.push_back(instance);
+        instance_boxes.push_back(transformed(shown.bounds, m));
+      }
+    } else {
+      bool lit = !s.material_of && shines(materials_[s.material]);
+      for (size_t i = 0; s.material_of && i < s.count && !lit; ++i) {
+        lit = shines(materials_[s.material_of[i]]);
+      }
+      if (lit) {
+        record.first_emitter = emitters;
+        emitters += static_cast<u32>(s.count);
+      }
+      if (s.faces) keep_mesh(s, record);
+    }
+    for (size_t i = 0; s.material_of && i < s.count; ++i) {
+      material_of_[next_id + i] = s.material_of[i];
+    }
+    for (size_t i = 0; s.colors && i < s.count; ++i) {
+      color_of_[next_id + i] = {s.colors[3 * i], s.colors[3 * i + 1], s.colors[3 * i + 2]};
+    }
+    next_id += static_cast<u32>(s.count);
+    shapes_.push_back(record);
+  }
+  // Ids of a shape without primitives would be its successor's.
+  const Leaves leaves{shapes,         shapes_,    first_record, instance_boxes, first_instance_id,
+                      first_instance, group.scale};
+  std::vector<Ref> refs(count);
+  for (u32 k = 0; k < shapes.size(); ++k) {
+    const u32 first = shapes_[first_record + k].first_id;
 #pragma omp parallel for
-    for (size_t i = 0; i < g.count; ++i) {
-      const auto at = [&](size_t k) {
-        return static_cast<float>(number(g.centers, g.centers_double, 3 * i + k) * scale_);
-      };
-      const float radius = static_cast<float>(radius_of(g, i) * scale_);
-      refs[base + i] = {at(0), at(1), at(2), radius, static_cast<u32>(base + i)};
-      if (!material_of_.empty()) {
-        material_of_[base + i] = g.material_of ? g.material_of[i] : g.material;
-      }
-      if (colored) {
-        const float nan = std::numeric_limits<float>::quiet_NaN();
-        color_of_[base + i] = g.colors
-                                  ? Vec3{g.colors[3 * i], g.colors[3 * i + 1], g.colors[3 * i + 2]}
-                                  : Vec3{nan, nan, nan};
-      }
+    for (size_t i = 0; i < shapes[k].count; ++i) {
+      Ref r{{}, first + static_cast<u32>(i), k};
+      r.box = leaves.box(r);
+      refs[r.id - first_group_id] = r;
     }
-    base += g.count;
   }
 
-  TreeBuilder<SphereRef, SphereBlock> tree(refs, ShapeKind::sphere, make_block);
+  TreeBuilder<Leaves> tree(refs, leaves);
   tree.build();
   if (refs.empty()) {
-    tree.blocks.push_back(make_block(nullptr, 0));  // a leaf that nothing hits
+    tree.blocks.spheres.push_back(empty_block<SphereBlock>());  // a leaf that nothing hits
     tree.root = make_leaf(ShapeKind::sphere, 0);
     tree.bounds.grow({{0, 0, 0}, {0, 0, 0}});
   }
-  nodes_ = std::move(tree.nodes);
-  spheres_ = std::move(tree.blocks);
-
-  view_.nodes = nodes_.data();
-  view_.root = tree.root;
-  view_.bounds = {{tree.bounds.low[0], tree.bounds.low[1], tree.bounds.low[2]},
+  group.bounds = {{tree.bounds.low[0], tree.bounds.low[1], tree.bounds.low[2]},
                   {tree.bounds.high[0], tree.bounds.high[1], tree.bounds.high[2]}};
-  view_.spheres = spheres_.data();
-  view_.sphere_blocks = static_cast<u32>(spheres_.size());
-  view_.materials = materials_.data();
-  view_.material_of = material_of_.empty() ? nullptr : material_of_.data();
-  view_.color_of = color_of_.empty() ? nullptr : color_of_.data();
-  view_.background = background;
-  make_emitters();
+
+  // Into the scene's own arrays.
+  Group place{};
+  const u32 node_base = static_cast<u32>(nodes_.size());
+  u32 base[8] = {};
+#define SHAPE(name, Type)                                                                \
+  place.first_##name = static_cast<u32>(name##s_.size());                                \
+  place.last_##name = place.first_##name + static_cast<u32>(tree.blocks.name##s.size()); \
+  base[static_cast<u32>(ShapeKind::name)] = place.first_##name;                          \
+  append(name##s_, std::move(tree.blocks.name##s));
+#include "../core/shapes.def"
+#undef SHAPE
+  place.first_instance = first_instance;
+  place.last_instance = static_cast<u32>(instances_.size());
+  const auto moved = [&](Child c) {
+    return c & kLeafBit ? c + base[static_cast<u32>(leaf_kind(c))] : c + node_base;
+  };
+  place.root = moved(tree.root);
+  append(nodes_, std::move(tree.nodes));
+  if (node_base != 0) {
+    for (size_t n = node_base; n < nodes_.size(); ++n) {
+      for (int lane = 0; lane < 16; ++lane) {
+        if (nodes_[n].low[0][lane] <= nodes_[n].high[0][lane]) {
+          nodes_[n].child[lane] = moved(nodes_[n].child[lane]);
+        }
+      }
+    }
+  }
+  groups_.push_back(place);
+
+  // Where the emitters have come to lie; those that coincide with another lie nowhere.
+  group.emitters.assign(emitters, kNoSlot);
+  if (emitters > 0) {
+    const auto find = [&](const auto& blocks, ShapeKind kind, u32 first, u32 last) {
+      for (u32 b = first; b < last; ++b) {
+        for (u32 lane = 0; lane < 16; ++lane) {
+          const u32 id = blocks[b].id[lane];
+          if (id == kNone) continue;
+          const ShapeRecord& r = *(
+              std::upper_bound(shapes_.begin(), shapes_.end(), id,
+                               [](u32 x, const ShapeRecord& shape) { return x < shape.first_id; }) -
+              1);
+          if (r.first_emitter == kNone) continue;
+          group.emitters[r.first_emitter + (id - r.first_id)] = {make_leaf(kind, b), lane, kNone};
+        }
+      }
+    };
+#define SHAPE(name, Type) find(name##s_, ShapeKind::name, place.first_##name, place.last_##name);
+#include "../core/shapes.def"
+#undef SHAPE
+  }
+  built.push_back(std::move(group));
 }
 
-void Scene::make_emitters() {
-  using namespace baseline;
-  const bool any = [&] {
-    for (const ParamBlock& m : materials_) {
-      if (static_cast<MaterialKind>(m.kind) == MaterialKind::emissive) return true;
+void Scene::keep_mesh(const ShapeInput& s, ShapeRecord& record) {
+  auto data = std::make_unique<MeshData>();
+  data->faces.assign(s.faces, s.faces + 3 * s.count);
+  record.faces = data->faces.data();
+  if (s.normals) {
+    data->normals.resize(s.vertex_count);
+    for (size_t i = 0; i < s.vertex_count; ++i) {
+      const double x = s.normals[3 * i], y = s.normals[3 * i + 1], z = s.normals[3 * i + 2];
+      const double size = std::sqrt(x * x + y * y + z * z);
+      const double k = size > 0.0 ? 1.0 / size : 0.0;
+      data->normals[i] = {static_cast<float>(x * k), static_cast<float>(y * k),
+                          static_cast<float>(z * k)};
     }
-    return false;
-  }();
-  if (!any) return;
-  std::vector<double> weights;
-  double total = 0.0;
-  for (u32 b = 0; b < view_.sphere_blocks; ++b) {
-    for (u32 lane = 0; lane < 16; ++lane) {
-      const u32 id = spheres_[b].id[lane];
-      if (id == kNone) continue;
-      const ParamBlock& material = parhelion::baseline::material_of(view_, id);
-      const Vec3 shine = with_material(material, color_of(view_, id, material),
-                                       [](const auto& m) { return emitted(m); });
-      const float weight = emitter_weight(primitive(spheres_[b], lane), shine);
-      if (!(weight > 0.0f)) continue;
-      total += static_cast<double>(weight);
-      weights.push_back(total);
-      emitters_.push_back({{make_leaf(ShapeKind::sphere, b), lane}, 0.0f});
+    record.normals = data->normals.data();
+  }
+  if (s.uvs) {
+    data->uvs.resize(s.vertex_count);
+    for (size_t i = 0; i < s.vertex_count; ++i) data->uvs[i] = {s.uvs[2 * i], s.uvs[2 * i + 1]};
+    record.uvs = data->uvs.data();
+  }
+  for (const AttributeInput& a : s.attributes) {
+    const size_t n = a.rows * a.components;
+    data->values.push_back(std::make_unique<float[]>(n));
+    std::copy(a.values, a.values + n, data->values.back().get());
+    data->attributes.push_back({data->values.back().get(), a.name, a.components, a.per_face});
+  }
+  record.attributes = data->attributes.data();
+  record.attribute_count = static_cast<u32>(data->attributes.size());
+  meshes_.push_back(std::move(data));
+}
+
+bool Scene::shines(const MaterialRecord& m) const {
+  using baseline::black;
+  return !black(m.emission) || static_cast<MaterialKind>(m.block.kind) == MaterialKind::emissive;
+}
+
+void Scene::make_materials() {
+  const float per_unit = static_cast<float>(1.0 / scale_);
+  for (MaterialRecord& m : materials_) {
+    m.absorption = {m.absorption.x * per_unit, m.absorption.y * per_unit,
+                    m.absorption.z * per_unit};
+    m.bump_scale *= static_cast<float>(scale_);
+    scale_lengths(m.block, material_params(m.block.kind), scale_);
+    view_.has_holes = view_.has_holes || m.opacity < 1.0f || m.opacity_texture.texture != kNone;
+  }
+  view_.materials = materials_.data();
+}
+
+void Scene::make_lights(std::vector<LightInput> inputs, const std::vector<BuiltGroup>& built) {
+  // Emissive primitives: the scene's own, then each instance's.
+  emitters_ = built.back().emitters;
+  for (size_t i = 0; i < instances_.size(); ++i) {
+    Instance& instance = instances_[i];
+    instance.first_emitter = static_cast<u32>(emitters_.size());
+    for (Slot slot : built[instance.group].emitters) {
+      slot.instance = static_cast<u32>(i);
+      emitters_.push_back(slot);
     }
   }
-  for (size_t i = 0; i < emitters_.size(); ++i) {
-    emitters_[i].cumulative = static_cast<float>(weights[i] / total);
-  }
-  if (!emitters_.empty()) emitters_.back().cumulative = 1.0f;
   view_.emitters = emitters_.data();
   view_.emitter_count = static_cast<u32>(emitters_.size());
-  view_.emitter_total = static_cast<float>(total);
+
+  // Those that lie in the scene before those from outside, and those before the ones not asked for.
+  const auto place = [](const LightInput& l) {
+    return baseline::is_outside(l.record) ? baseline::is_smooth(l.record) ? 2 : 1 : 0;
+  };
+  std::stable_sort(inputs.begin(), inputs.end(),
+                   [&](const LightInput& a, const LightInput& b) { return place(a) < place(b); });
+  for (LightInput& l : inputs) {
+    LightRecord& r = l.record;
+    scale_lengths(r.block, light_params(r.block.kind), scale_);
+    const float k = static_cast<float>(scale_);
+    r.position = {r.position.x * k, r.position.y * k, r.position.z * k};
+    tabulate(r);
+    lights_.push_back(r);
+    if (place(l) == 0) ++view_.outside_first;
+    if (place(l) <= 1) ++view_.smooth_first;
+  }
+  images_.clear();
+  for (const ImagePyramid& p : pyramids_) images_.push_back(p.view());
+  view_.images = images_.data();
+  for (const DistributionTable& d : distributions_) distribution_views_.push_back(d.view());
+  view_.lights = lights_.data();
+  view_.light_count = static_cast<u32>(lights_.size());
+  view_.tables = {images_.data(), distribution_views_.data()};
+
+  std::vector<LightLeaf> leaves(emitters_.size() + view_.outside_first);
+#pragma omp parallel for
+  for (size_t i = 0; i < emitters_.size(); ++i) leaves[i] = leaf_of(emitters_[i]);
+  for (u32 i = 0; i < view_.outside_first; ++i) {
+    const LightReach r = baseline::light_reach(lights_[i], view_.tables);
+    leaves[emitters_.size() + i] = {{r.position, r.position}, r.axis, r.cos_o, r.cos_e, r.power, 0};
+  }
+  light_count_ = view_.smooth_first - view_.outside_first;
+  for (const LightLeaf& leaf : leaves) light_count_ += leaf.power > 0.0f;
+  light_tree_ = build_light_tree(std::move(leaves));
+  view_.light_tree = light_tree_.view();
+}
+
+// The images and distributions of lights that need some.
+void Scene::tabulate(LightRecord& r) {
+  const auto keep = [&](DistributionTable table) {
+    r.distribution = static_cast<u32>(distributions_.size());
+    distributions_.push_back(std::move(table));
+  };
+  const auto make_image = [&](const char* name, const float* values, u32 width, u32 height) {
+    r.image = static_cast<u32>(pyramids_.size());
+    pyramids_.emplace_back(
+        ImageInput{name, values, SampleType::float32, width, height, 3, false, false});
+  };
+  switch (static_cast<LightKind>(r.block.kind)) {
+    case LightKind::envmap: {
+      const auto light = baseline::from_block<baseline::Envmap>(r.block);
+      const ImageView image = pyramids_[r.image].view();
+      keep(baseline::is_latlong(light) ? latlong_distribution(image)
+                                       : equal_area_distribution(image));
+      break;
+    }
+    case LightKind::sky: {
+      const auto sky = baseline::from_block<baseline::Sky>(r.block);
+      const std::vector<float> values = sky_image(sky.sun_direction, sky.turbidity, sky.albedo);
+      make_image("sky", values.data(), kSkyWidth, kSkyHeight);
+      keep(latlong_distribution(pyramids_.back().view()));
+      break;
+    }
+    case LightKind::sun: {
+      const auto sun = baseline::from_block<baseline::Sun>(r.block);
+      const Vec3 shine = sun_radiance(sun.sun_direction, sun.turbidity, sun.angle);
+      make_image("sun", &shine.x, 1, 1);
+      break;
+    }
+    default: break;
+  }
+}
+
+// Power is the flux per steradian of a flat light seen from its front: area times radiance.
+LightLeaf Scene::leaf_of(const Slot& slot) const {
+  using namespace baseline;
+  LightLeaf dark{{{0, 0, 0}, {0, 0, 0}}, {0, 0, 1}, -1.0f, 0.0f, 0.0f, 0};
+  if (slot.leaf == kNone) return dark;
+  const Instance* instance = instance_of(view_, slot);
+  return with_primitive(view_, slot, [&](const auto& shape, u32 id) {
+    LightLeaf leaf = dark;
+    const Aabb b = box_of(shape);
+    Box box = {{b.low[0], b.low[1], b.low[2]}, {b.high[0], b.high[1], b.high[2]}};
+    float size = area(shape);
+    if (instance) {
+      Matrix matrix;
+      for (int k = 0; k < 12; ++k) matrix.m[k] = static_cast<double>(instance->to_scene[k]);
+      const Aabb t = transformed(box, matrix);
+      box = {{t.low[0], t.low[1], t.low[2]}, {t.high[0], t.high[1], t.high[2]}};
+      size *= static_cast<float>(std::pow(std::fabs(matrix.determinant()), 2.0 / 3.0));
+    }
+    leaf.bounds = box;
+
+    // The mean of what it gives off: of a texture, over places spread evenly.
+    Surface s{};
+    s.slot = slot;
+    const MaterialRecord& m = baseline::material_of(view_, shape_of(view_, id), id);
+    const bool both =
+        m.emits_back || static_cast<MaterialKind>(m.block.kind) == MaterialKind::emissive;
+    const bool textured = m.emission_texture != kNone;
+    const int n = textured ? 16 : 1;
+    float sum = 0.0f;
+    for (int i = 0; i < n; ++i) {
+      SurfacePoint p{{0, 0, 0}, normal_of(shape), {0, 0}, 0.0f};
+      place_on(shape, (static_cast<float>(i) + 0.5f) / static_cast<float>(n),
+               static_cast<float>(i * 7 % 16) / 16.0f + 1.0f / 32.0f, p);
+      complete(view_, shape, id, p, instance, s);
+      sum += luminance(emission(view_, *s.material, s, true));
+    }
+    constexpr bool flat = is_flat<std::decay_t<decltype(shape)>>;
+    if (flat && !both) {
+      leaf.axis = s.normal;
+      leaf.cos_o = 1.0f;
+    }
+    // Where samples of a texture find nothing there may be some light all the same.
+    const float floor = textured ? 1e-3f * luminance(s.material->emission) : 0.0f;
+    leaf.power = size * std::max(sum / static_cast<float>(n), floor) * (flat ? 1.0f : 0.25f);
+    return leaf;
+  });
+}
+
+size_t Scene::block_count() const {
+  size_t n = 0;
+#define SHAPE(name, Type) n += name##s_.size();
+#include "../core/shapes.def"
+#undef SHAPE
+  return n;
 }
 
 size_t Scene::memory() const {
-  return nodes_.capacity() * sizeof(Node) + spheres_.capacity() * sizeof(SphereBlock) +
-         materials_.capacity() * sizeof(ParamBlock) + material_of_.capacity() * sizeof(u32) +
-         color_of_.capacity() * sizeof(Vec3) + emitters_.capacity() * sizeof(Emitter);
+  size_t n =
+      nodes_.capacity() * sizeof(Node) + instances_.capacity() * sizeof(Instance) +
+      shapes_.capacity() * sizeof(ShapeRecord) + materials_.capacity() * sizeof(MaterialRecord) +
+      material_of_.capacity() * sizeof(u32) + color_of_.capacity() * sizeof(Vec3) +
+      emitters_.capacity() * sizeof(Slot) + light_tree_.nodes.capacity() * sizeof(LightNode) +
+      (light_tree_.slot_of_node.capacity() + light_tree_.slot_of_light.capacity()) * sizeof(u32);
+#define SHAPE(name, Type) n += name##s_.capacity() * sizeof(Type##Block);
+#include "../core/shapes.def"
+#undef SHAPE
+  for (const auto& mesh : meshes_) {
+    n += mesh->faces.capacity() * sizeof(u32) + mesh->normals.capacity() * sizeof(Vec3) +
+         mesh->uvs.capacity() * sizeof(Vec2);
+  }
+  for (const ImagePyramid& p : pyramids_) n += p.memory();
+  return n;
 }
 
 }  // namespace parhelion

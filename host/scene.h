@@ -1,56 +1,147 @@
-// The scene as the host owns it: checked, normalised, with its tree and its table of lights.
+// The scene as the host owns it: checked, normalised, with its tree and its lights.
 #pragma once
-#include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
 #include "../core/path.h"
+#include "distribution.h"
+#include "image.h"
+#include "light_tree.h"
 
 namespace parhelion {
 
-// N spheres in the user's arrays and units; nothing is kept of them after the scene is made.
-struct SphereGroup {
+// Rows of numbers of the user's, float or double; `one` stands for all rows alike.
+struct Numbers {
+  const char* name = "";
+  const void* data = nullptr;
+  bool is_double = false, one = false;
+  int columns = 1;
+
+  double at(size_t row, int column) const {
+    const size_t i = (one ? 0 : row) * static_cast<size_t>(columns) + static_cast<size_t>(column);
+    return is_double ? static_cast<const double*>(data)[i]
+                     : static_cast<double>(static_cast<const float*>(data)[i]);
+  }
+};
+
+struct AttributeInput {
+  u32 name;
+  const float* values;
+  size_t rows;
+  u32 components;
+  bool per_face;
+};
+
+// One shape in the user's arrays and units; nothing is kept of them after the scene is made.
+struct ShapeInput {
+  ShapeKind kind = ShapeKind::sphere;
   std::string name;
-  size_t count = 0;
-  const void* centers = nullptr;  // (count, 3), float or double
-  bool centers_double = false;
-  const void* radii = nullptr;  // (count), or one for all
-  bool radii_double = false;
-  bool one_radius = false;
-  const u32* material_of = nullptr;  // (count), or null: all have `material`
+  size_t count = 0;             // primitives
+  std::vector<Numbers> arrays;  // in the order that host/shapes.h says for each kind
   u32 material = 0;
-  const float* colors = nullptr;  // (count, 3), or null: the material's own
+  const u32* material_of = nullptr;  // (count), or null: all have `material`
+  const float* colors = nullptr;     // (count, 3), or null: the material's own
+  bool inside_out = false;
+  float rotation[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};  // spheres
+
+  // Triangles: three vertices each, of vertex_count, and what is known of those.
+  const u32* faces = nullptr;
+  size_t vertex_count = 0;
+  const float* normals = nullptr;
+  const float* uvs = nullptr;
+  std::vector<AttributeInput> attributes;
+
+  // Instances: of a group, by (count, 12) affine matrices.
+  u32 group = 0;
+  const double* transforms = nullptr;
+};
+
+// The shapes of each group; the last group is the scene itself, the only one with instances.
+using GroupInput = std::vector<ShapeInput>;
+
+// Lights, materials and textures with lengths still in the user's units.
+struct LightInput {
+  std::string name;
+  LightRecord record;
+};
+
+struct SceneInput {
+  std::vector<GroupInput> groups;
+  std::vector<MaterialRecord> materials;
+  std::vector<TextureBinding> bindings;
+  std::vector<TextureRecord> textures;
+  std::vector<ImageInput> images;
+  std::vector<LightInput> lights;
 };
 
 class Scene {
  public:
-  // Throws SceneError, naming group and element, for a number that has no meaning.
-  Scene(const std::vector<SphereGroup>& groups, std::vector<ParamBlock> materials,
-        const ParamBlock& background);
+  // Throws SceneError, naming shape and element, for a number that has no meaning.
+  explicit Scene(SceneInput input);
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
   const SceneView& view() const { return view_; }
   // Normalised units per user's unit: a power of two.
   double scale() const { return scale_; }
-  size_t sphere_count() const { return sphere_count_; }
+  size_t primitive_count() const { return primitive_count_; }
+  size_t primitive_count(ShapeKind kind) const { return count_of_[static_cast<u32>(kind)]; }
   size_t node_count() const { return nodes_.size(); }
-  size_t block_count() const { return spheres_.size(); }
-  size_t emitter_count() const { return emitters_.size(); }
+  size_t block_count() const;
+  // Lights that are asked for: emissive primitives, and those that are no shapes.
+  size_t light_count() const { return light_count_; }
   // Bytes held by the scene.
   size_t memory() const;
 
  private:
-  void make_emitters();
+  // What is kept of a mesh for its surface.
+  struct MeshData {
+    std::vector<u32> faces;
+    std::vector<Vec3> normals;
+    std::vector<Vec2> uvs;
+    std::vector<MeshAttribute> attributes;
+    std::vector<std::unique_ptr<float[]>> values;
+  };
+  // A group in units of its own.
+  struct BuiltGroup {
+    double scale;
+    Box bounds;
+    std::vector<Slot> emitters;  // in the order of its shapes' first_emitter
+  };
 
-  size_t sphere_count_ = 0;
+  void add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, u32& next_id, bool own);
+  void keep_mesh(const ShapeInput& shape, ShapeRecord& record);
+  void make_materials();
+  void make_lights(std::vector<LightInput> lights, const std::vector<BuiltGroup>& built);
+  void tabulate(LightRecord& record);
+  LightLeaf leaf_of(const Slot& slot) const;
+  bool shines(const MaterialRecord& m) const;
+
+  size_t primitive_count_ = 0;
+  size_t count_of_[8] = {};
+  size_t light_count_ = 0;
   double scale_ = 1.0;
   std::vector<Node> nodes_;
-  std::vector<SphereBlock> spheres_;
-  std::vector<ParamBlock> materials_;
+#define SHAPE(name, Type) std::vector<Type##Block> name##s_;
+#include "../core/shapes.def"
+#undef SHAPE
+  std::vector<Instance> instances_;
+  std::vector<Group> groups_;
+  std::vector<ShapeRecord> shapes_;
+  std::vector<std::unique_ptr<MeshData>> meshes_;
+  std::vector<MaterialRecord> materials_;
+  std::vector<TextureBinding> bindings_;
+  std::vector<TextureRecord> textures_;
+  std::vector<ImagePyramid> pyramids_;
+  std::vector<ImageView> images_;
   std::vector<u32> material_of_;
   std::vector<Vec3> color_of_;
-  std::vector<Emitter> emitters_;
+  std::vector<Slot> emitters_;
+  std::vector<LightRecord> lights_;
+  LightTree light_tree_;
+  std::vector<DistributionTable> distributions_;
+  std::vector<Distribution> distribution_views_;
   SceneView view_{};
 };
 

@@ -10,11 +10,6 @@ namespace {
 
 using namespace baseline;
 
-DVec3 cross(DVec3 a, DVec3 b) {
-  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-double length(DVec3 a) { return std::sqrt(dot(a, a)); }
-
 DVec3 finite_vector(const double (&v)[3], const char* name) {
   for (double x : v) {
     if (!std::isfinite(x)) throw SceneError(std::string("camera: ") + name + " is not finite");
@@ -22,14 +17,20 @@ DVec3 finite_vector(const double (&v)[3], const char* name) {
   return {v[0], v[1], v[2]};
 }
 
-// tan of half an angle in degrees.
-double half_tangent(double degrees, const char* name) {
-  if (!(degrees > 0.0 && degrees < 180.0)) {
-    throw SceneError(std::string("camera: ") + name + " is " + std::to_string(degrees) +
-                     "; must lie between 0 and 180 degrees");
+[[noreturn]] void reject(const char* name, double x, const std::string& must) {
+  throw SceneError(std::string("camera: ") + name + " is " + std::to_string(x) + "; must " + must);
+}
+
+void check_angle(double degrees, double most, const char* name) {
+  const bool whole = most == 360.0;  // a fisheye may look all the way round
+  if (!(degrees > 0.0 && (degrees < most || (whole && degrees == most)))) {
+    const std::string range = std::to_string(static_cast<int>(most)) + " degrees";
+    reject(name, degrees, whole ? "be above 0 and at most " + range : "lie between 0 and " + range);
   }
-  const DCosSin half = cos_sin_pi(degrees / 360.0);
-  return half.s / half.c;
+}
+
+void check_length(double x, const char* name) {
+  if (!std::isfinite(x) || x < 0.0) reject(name, x, "be finite and at least 0");
 }
 
 bool inside(DVec3 p, double margin, const Box& b) {
@@ -37,12 +38,52 @@ bool inside(DVec3 p, double margin, const Box& b) {
          p.y + margin <= b.high.y && p.z - margin >= b.low.z && p.z + margin <= b.high.z;
 }
 
+// What this kind of camera is told beyond where it stands, in normalised units; `distance` is that
+// of the target.
+void read_traits(const CameraInput& input, const CameraTraits& traits, double distance,
+                 double scale, Placement& p) {
+  const auto refuse = [&](bool given, bool taken, const char* name) {
+    if (given && !taken) {
+      throw SceneError("camera: projection '" + input.projection + "' has no " + name);
+    }
+  };
+  refuse(input.fov != 0.0, traits.fov, "fov");
+  refuse(input.vfov != 0.0, traits.max_vfov > 0.0, "vfov");
+  refuse(input.height != 0.0, traits.height, "height");
+  refuse(input.aperture_radius != 0.0, traits.lens, "aperture_radius");
+  refuse(input.shift[0] != 0.0 || input.shift[1] != 0.0, traits.shift, "shift");
+
+  if (input.fov != 0.0 && input.vfov != 0.0) throw SceneError("camera: give fov or vfov, not both");
+  p.fov = input.fov;
+  p.vfov = input.fov == 0.0 && input.vfov == 0.0 ? traits.preset_vfov : input.vfov;
+  if (p.fov != 0.0) check_angle(p.fov, traits.max_vfov, "fov");
+  if (p.vfov != 0.0) check_angle(p.vfov, traits.max_vfov, "vfov");
+  if (traits.height) {
+    if (input.height == 0.0) {
+      throw SceneError("camera: projection '" + input.projection + "' needs a height");
+    }
+    if (!std::isfinite(input.height) || input.height < 0.0) {
+      reject("height", input.height, "be finite and above 0");
+    }
+  }
+  check_length(input.aperture_radius, "aperture_radius");
+  check_length(input.focus_distance, "focus_distance");
+  for (double x : input.shift) {
+    if (!(std::abs(x) <= 1e6)) reject("shift", x, "lie between -1e6 and 1e6 pictures");
+  }
+  p.focus = (input.focus_distance > 0.0 ? input.focus_distance : distance) * scale;
+  p.aperture = input.aperture_radius * scale;
+  p.height = input.height * scale;
+  p.shift_x = input.shift[0];
+  p.shift_y = input.shift[1];
+}
+
 }  // namespace
 
 // With t towards the target and v up, b = v x t points to the viewer's left. The published formula
 // p_ij = p_1m + q_x (i - 1) + q_y (j - 1), with p_1m = t d - g_x b - g_y v, therefore counts i from
 // the right and j from the bottom. A picture is stored from the top left: column x is i = k - x and
-// row y is j = m - y, so `right` is -q_x and `down` is -q_y.
+// row y is j = m - y, so the steps are -q_x and -q_y.
 Camera make_camera(const CameraInput& input, u32 width, u32 height, double scale,
                    const Box& bounds) {
   const DVec3 eye = finite_vector(input.eye, "eye"), target = finite_vector(input.target, "target");
@@ -61,30 +102,29 @@ Camera make_camera(const CameraInput& input, u32 width, u32 height, double scale
   const DVec3 b_n = b * (1.0 / length(b));
   const DVec3 v_n = cross(t_n, b_n);
 
-  const auto optional_length = [](double x, const char* name) {
-    if (!std::isfinite(x) || x < 0.0) {
-      throw SceneError(std::string("camera: ") + name + " is " + std::to_string(x) +
-                       "; must be finite and at least 0");
-    }
-  };
-  optional_length(input.aperture_radius, "aperture_radius");
-  optional_length(input.focus_distance, "focus_distance");
-  const double d = (input.focus_distance > 0.0 ? input.focus_distance : distance) * scale;
-
-  // The step between pixel centres, the same on both axes: 2 g_x / (k - 1) for the published field
-  // of view, which spans from the first to the last centre of a row; a single column spans it all.
-  // The vertical one spans the picture from edge to edge.
-  double step;
-  if (input.fov != 0.0) {
-    step = 2.0 * d * half_tangent(input.fov, "fov") / (width > 1 ? width - 1.0 : 1.0);
-  } else {
-    step = 2.0 * d * half_tangent(input.vfov, "vfov") / height;
+  Placement p{};
+  p.eye = eye * scale;
+  p.forward = t_n;
+  p.right = b_n * (input.mirrored ? 1.0 : -1.0);
+  p.down = v_n * -1.0;
+  p.columns = width;
+  p.rows = height;
+  std::string choices;
+#define CAMERA(name, Type)                                                        \
+  choices += (choices.empty() ? "" : ", ") + std::string(#name);                  \
+  if (input.projection == #name) {                                                \
+    read_traits(input, Type::traits, distance, scale, p);                         \
+    Camera camera{};                                                              \
+    camera.kind = CameraKind::name;                                               \
+    place(p, camera.name);                                                        \
+    camera.outside = !Type::traits.central || !inside(p.eye, p.aperture, bounds); \
+    camera.cone = cone(camera.name);                                              \
+    return camera;                                                                \
   }
-  const DVec3 right = b_n * -step, down = v_n * -step;
-  const DVec3 corner = t_n * d - right * (0.5 * (width - 1.0)) - down * (0.5 * (height - 1.0));
-  const double lens = input.aperture_radius * scale;
-  const DVec3 e = eye * scale;
-  return {e, corner, right, down, b_n * -lens, v_n * lens, !inside(e, lens, bounds)};
+#include "../core/cameras.def"
+#undef CAMERA
+  throw SceneError("camera: unknown projection '" + input.projection + "' (choices: " + choices +
+                   ")");
 }
 
 FilterTable make_filter(const std::string& name, double radius) {

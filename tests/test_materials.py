@@ -2,30 +2,85 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pytest
 
 import parhelion as ph
-from parhelion import _core
+from parhelion import _core, tables
 from parhelion.flatten import Block, block
 from statistics_tools import direction_chi_square, mean_p, proportion_p, sidak
 
-# Where within its range each scalar parameter is tried, besides its default.
+# Where within its range each scalar parameter is tried, besides its default; fewer where there are
+# many parameters.
 SHARES = (0.0, 0.001, 0.01, 0.1, 0.5, 1.0)
+FEW_SHARES = (0.0, 0.3, 1.0)
+
+# Values of other parameters without which a parameter has no effect.
+CONTEXT: dict[tuple[str, str], dict[str, Any]] = {
+    ("conductor", "anisotropy"): {"roughness": 0.6},
+    ("conductor", "distribution"): {"roughness": 0.7},
+    ("conductor", "compensation"): {"roughness": 0.7},
+    ("dielectric", "anisotropy"): {"roughness": 0.6},
+    ("dielectric", "distribution"): {"roughness": 0.7},
+    ("dielectric", "compensation"): {"roughness": 0.7},
+    ("plastic", "distribution"): {"roughness": 0.5},
+    ("plastic", "compensation"): {"roughness": 0.5},
+    ("principled", "anisotropy_rotation"): {"anisotropy": 0.6},
+    ("principled", "specular"): {"roughness": 0.2},
+    ("principled", "clearcoat_roughness"): {"clearcoat": 1.0},
+    ("principled", "clearcoat_ior"): {"clearcoat": 1.0, "clearcoat_roughness": 0.4},
+    ("principled", "sheen_roughness"): {"sheen_color": (1.0, 1.0, 1.0)},
+    ("principled", "iridescence_ior"): {"iridescence": 1.0},
+    ("principled", "iridescence_thickness"): {"iridescence": 1.0},
+}
+# Combinations worth a test besides.
+ALSO: list[tuple[str, dict[str, Any]]] = [
+    *(
+        (name, {"roughness": 0.9, "distribution": kind})
+        for name in ("conductor", "dielectric", "plastic")
+        for kind in ("ggx", "beckmann")
+    ),
+    ("conductor", {"roughness": 0.5, "anisotropy": 0.7, "distribution": "beckmann"}),
+    ("dielectric", {"roughness": 0.4, "ior": 1.05}),
+    ("dielectric", {"roughness": 0.4, "ior": 1 / 1.5}),
+    ("dielectric", {"roughness": 0.6, "ior": 2.4, "distribution": "beckmann"}),
+    ("plastic", {"roughness": 0.4, "ior": 1.05}),
+    ("principled", {"transmission": 1.0, "roughness": 0.3}),
+    ("principled", {"metallic": 1.0, "anisotropy": 0.5, "anisotropy_rotation": 30.0}),
+    (
+        "principled",
+        {
+            "metallic": 0.3,
+            "transmission": 0.5,
+            "clearcoat": 0.5,
+            "clearcoat_roughness": 0.3,
+            "sheen_color": (0.5, 0.5, 0.5),
+            "iridescence": 0.5,
+        },
+    ),
+]
 
 
-def variants() -> list[tuple[str, dict[str, float]]]:
+def variants() -> list[tuple[str, dict[str, Any]]]:
     """Every material, with every scalar parameter over its range, one at a time."""
-    found: list[tuple[str, dict[str, float]]] = []
-    for row in _core.tables()["materials"]:
-        scalars = [p for p in row["params"][1:] if p["size"] == 1]
+    found: list[tuple[str, dict[str, Any]]] = []
+    for name, entry in tables.tables()["materials"].items():
+        scalars = [p for p in entry.params[1:] if p.size == 1]
         if not scalars:
-            found.append((row["name"], {}))
+            found.append((name, {}))
+        shares = SHARES if len(scalars) < 4 else FEW_SHARES
         for p in scalars:
-            values = {p["low"] + share * (p["high"] - p["low"]) for share in SHARES}
-            values |= set(p["default"])
-            found += [(row["name"], {p["name"]: round(v, 6)}) for v in sorted(values)]
-    return found
+            values: list[Any] = list(p.choices)
+            if not values:
+                spread = {p.low + share * (p.high - p.low) for share in shares}
+                values = sorted(round(v, 6) for v in spread | {p.default[0]})
+            for v in values:
+                found.append((name, {**CONTEXT.get((name, p.name), {}), p.name: v}))
+    unique = {repr(v): v for v in found + ALSO}
+    return list(unique.values())
 
 
 VARIANTS = variants()
@@ -33,51 +88,89 @@ VARIANTS = variants()
 OUTGOING = [np.array([np.sqrt(1 - z * z), 0, z]) for z in (1.0, 0.6, 0.03, -0.8, -0.1)]
 OUTGOING = [v @ np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, 1]]) for v in OUTGOING]
 
-by_variant = pytest.mark.parametrize(
-    ("name", "params"), VARIANTS, ids=[f"{n}-{list(p.values())}" for n, p in VARIANTS]
-)
+
+def name_of(variant: tuple[str, dict[str, Any]]) -> str:
+    return "-".join([variant[0], *(f"{k}={v}" for k, v in variant[1].items())])
 
 
-def white(name: str, params: dict[str, float]) -> Block:
+by_variant = pytest.mark.parametrize(("name", "params"), VARIANTS, ids=map(name_of, VARIANTS))
+
+
+def color_of(name: str) -> str:
+    return tables.tables()["materials"][name].params[0].name
+
+
+def white(name: str, params: Mapping[str, Any]) -> Block:
     """The parameter block with the colour 1."""
-    color = next(r for r in _core.tables()["materials"] if r["name"] == name)["params"][0]["name"]
-    return block("materials", name, {color: (1.0, 1.0, 1.0), **params}, "test")
+    return block("materials", name, {color_of(name): (1.0, 1.0, 1.0), **params}, "test")
 
 
-def white_material(name: str, params: dict[str, float]) -> ph.Material:
-    color = next(r for r in _core.tables()["materials"] if r["name"] == name)["params"][0]["name"]
-    return ph.Material(name, **{color: (1.0, 1.0, 1.0)}, **params)
+def white_material(name: str, params: Mapping[str, Any]) -> ph.Material:
+    return ph.Material(name, **{color_of(name): (1.0, 1.0, 1.0)}, **params)
+
+
+def index_ratio(name: str, params: Mapping[str, Any], wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
+    """Index of refraction on wi's side over that on wo's, (N,)."""
+    ior = float(params.get("ior", 1.5))
+    if name == "principled":  # see scaled_index in principled.h
+        root = (ior - 1) / (ior + 1) * np.sqrt(params.get("specular", 1.0))
+        ior = max((1 + root) / (1 - root), 1.02)
+    crosses = wo[2] * wi[:, 2] < 0
+    return np.where(crosses, ior if wo[2] > 0 else 1 / ior, 1.0)
+
+
+def gives_back(name: str, params: Mapping[str, Any]) -> bool:
+    """Whether, white, it scatters all light: bounces that single-bounce models leave out count."""
+    rough = params.get("roughness", 0.5 if name == "principled" else 0.0) > 0
+    if name == "emissive":
+        return False
+    if rough and (params.get("compensation") == "off" or params.get("anisotropy", 0.0) != 0):
+        return False
+    return not ("iridescence" in params and params.get("metallic", 0.0) > 0)
 
 
 @by_variant
-def test_samples_follow_their_density(name: str, params: dict[str, float]) -> None:
+def test_samples_follow_their_density(name: str, params: dict[str, Any]) -> None:
     material = white(name, params)
     for i, wo in enumerate(OUTGOING):
-        wi, weight, density, delta = _core.bsdf_sample(material, wo, 10 + i, 60_000)
+        count = 60_000
+        wi, weight, density, delta = _core.bsdf_sample(material, wo, 10 + i, count)
         alive = weight[:, 0] > 0
         if not alive.any():  # it reflects nothing
             assert not np.any(_core.bsdf_eval(material, wo, wi)[0])
             continue
         np.testing.assert_allclose(np.linalg.norm(wi[alive], axis=1), 1, atol=1e-5)
-        assert np.all(delta[alive] == delta[alive][0])
-        if delta[alive][0]:
+        smooth = alive & ~delta.astype(bool)
+        if not smooth.any():
             # a mirror has no density: no light sample may count for it
             assert not np.any(_core.bsdf_eval(material, wo, wi)[1])
             continue
-        w = wi[alive]
+        w = wi[smooth]
         value, again = _core.bsdf_eval(material, wo, w)
+        # the sample's weight comes without the squeezing of radiance in glass
+        value = value * index_ratio(name, params, wo, w)[:, None] ** 2
         # Rounding may move a sample over the limb of a lobe, where its density has a pole.
         known = again > 0
         assert known.mean() > 0.98
-        np.testing.assert_allclose(again[known], density[alive][known], rtol=1e-4)
+        np.testing.assert_allclose(again[known], density[smooth][known], rtol=1e-4)
         np.testing.assert_allclose(
-            weight[alive][known] * density[alive][known, None], value[known], rtol=1e-4
+            weight[smooth][known] * density[smooth][known, None], value[known], rtol=2e-4
         )
-        mirrored = np.array([-wo[0], -wo[1], wo[2]])
-        p = direction_chi_square(
-            w, lambda v, wo=wo: _core.bsdf_eval(material, wo, v)[1], axis=mirrored
-        )
-        assert p > sidak(len(VARIANTS) * len(OUTGOING)), wo
+        for side in (1.0, -1.0):
+            w = wi[smooth & (wi[:, 2] * side > 0)]
+            if len(w) < 2000:
+                continue
+            axis = np.array([-wo[0], -wo[1], wo[2]])
+            if side * wo[2] < 0:
+                axis = np.median(w, axis=0)
+            share = len(w) / count
+
+            def pdf(v: np.ndarray, wo=wo, side=side, share=share) -> np.ndarray:
+                here = v[:, 2] * side > 0
+                return _core.bsdf_eval(material, wo, v)[1] * here / share
+
+            p = direction_chi_square(w, pdf, axis=axis)
+            assert p > sidak(2 * len(VARIANTS) * len(OUTGOING)), (wo, side)
 
 
 def test_a_wrong_density_is_found() -> None:
@@ -89,8 +182,8 @@ def test_a_wrong_density_is_found() -> None:
 
 
 @by_variant
-def test_white_loses_and_gains_nothing(name: str, params: dict[str, float]) -> None:
-    """The albedo, from any side: 1 within 0.1 % where all is reflected, never more."""
+def test_white_loses_and_gains_nothing(name: str, params: dict[str, Any]) -> None:
+    """The albedo, from any side: 1 where all is scattered, never more; here within noise."""
     material = white(name, params)
     for i, wo in enumerate(OUTGOING):
         wi, weight, density, _ = _core.bsdf_sample(material, wo, 30 + i, 100_000)
@@ -99,13 +192,69 @@ def test_white_loses_and_gains_nothing(name: str, params: dict[str, float]) -> N
         assert np.all(np.isfinite(density))
         assert np.all(weight >= 0)
         albedo = weight.mean(axis=0)
-        assert np.all(albedo <= 1 + 1e-5)
-        if name != "emissive":  # which reflects nothing
-            assert np.all(albedo > 1 - 1e-3), wo
+        noise = 4 * weight.std(axis=0) / np.sqrt(len(weight))
+        assert np.all(albedo <= 1 + 1e-3 + noise), wo
+        if gives_back(name, params):
+            assert np.all(albedo > 1 - ROOM.get(name, 1e-3) - noise), wo
 
 
-@by_variant
-def test_color_scales_what_is_scattered(name: str, params: dict[str, float]) -> None:
+# What interpolated tables and layers may lose; rough glass from within is the hardest.
+ROOM = {"dielectric": 8e-3, "principled": 1e-2, "plastic": 3e-3, "diffuse": 1e-3}
+
+
+def albedo(material: Block, wo: np.ndarray, name: str, params: Mapping[str, Any]) -> float:
+    """Integral of what is scattered over the sphere, to about 1e-4 for lobes that are not narrow.
+
+    By Gauss and Legendre over the cosine of either side, through a substitution that crowds the
+    grazing angles and the poles, and evenly around.
+    """
+    x, w = np.polynomial.legendre.leggauss(160)
+    x, w = (x + 1) / 2, w / 2
+    z, w = x**2, w * 2 * x
+    turns = (np.arange(320) + 0.5) / 320 * 2 * np.pi
+    z, turns = (a.ravel() for a in np.meshgrid(np.concatenate([z, -z]), turns, indexing="ij"))
+    w = np.repeat(np.concatenate([w, w]), 320) * 2 * np.pi / 320
+    r = np.sqrt(1 - z * z)
+    wi = np.stack([r * np.cos(turns), r * np.sin(turns), z], axis=1).astype(np.float32)
+    value = _core.bsdf_eval(material, wo, wi)[0][:, 0].astype(float)
+    return float(np.sum(value * index_ratio(name, params, wo, wi) ** 2 * w))
+
+
+@pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
+@pytest.mark.parametrize("roughness", [0.4, 0.55, 0.7, 0.85, 1.0])
+@pytest.mark.parametrize(
+    ("name", "params", "room"),
+    [
+        ("conductor", {}, 1e-3),
+        ("plastic", {"ior": 1.3}, 1.5e-3),
+        ("plastic", {"ior": 1.49}, 1.5e-3),
+        ("plastic", {"ior": 2.0}, 1.5e-3),
+        ("dielectric", {"ior": 1.33}, 1.5e-3),
+        ("dielectric", {"ior": 1.5}, 1.5e-3),
+        ("dielectric", {"ior": 2.4}, 1.5e-3),
+    ],
+)
+def test_rough_white_is_white(
+    name: str, params: dict[str, float], room: float, roughness: float, distribution: str
+) -> None:
+    params = {**params, "roughness": roughness, "distribution": distribution}
+    material = white(name, params)
+    for cosine in (0.02, 0.1, 0.25, 0.5, 0.75, 0.97, -0.9):
+        wo = np.array([np.sqrt(1 - cosine**2), 0, cosine])
+        total = albedo(material, wo, name, params)
+        assert -room < total - 1 < 4e-4, (cosine, total)
+
+
+# Materials whose colour is a factor of all that they scatter.
+TINTED = ("diffuse", "metal", "dielectric", "thin_dielectric", "conductor", "null", "emissive")
+
+
+@pytest.mark.parametrize(
+    ("name", "params"),
+    [v for v in VARIANTS if v[0] in TINTED and (v[0] != "diffuse" or v[1]["roughness"] == 0)],
+    ids=str,
+)
+def test_color_scales_what_is_scattered(name: str, params: dict[str, Any]) -> None:
     kind, values = white(name, params)
     wo = OUTGOING[1]
     plain = _core.bsdf_sample((kind, values), wo, 5, 1000)
@@ -114,19 +263,119 @@ def test_color_scales_what_is_scattered(name: str, params: dict[str, float]) -> 
     np.testing.assert_allclose(tinted[1], plain[1] * np.float32([0.2, 0.5, 0.0]), rtol=1e-6)
 
 
-def test_diffuse_is_reciprocal() -> None:
+def reciprocal(name: str, params: Mapping[str, Any]) -> bool:
+    """Layers scaled by albedo are not, nor is rough glass that is made good for lost bounces."""
+    rough_glass = name == "dielectric" and params.get("roughness", 0) > 0
+    return name != "principled" and (not rough_glass or params.get("compensation") == "off")
+
+
+@pytest.mark.parametrize(
+    ("name", "params"), [v for v in VARIANTS if reciprocal(*v) and v[0] != "metal"], ids=str
+)
+def test_scattering_is_reciprocal(name: str, params: dict[str, Any]) -> None:
+    """f n^2, n being the index on the side that the light comes from, is the same both ways."""
+    rng = np.random.default_rng(5)
+    w = rng.normal(size=(100, 2, 3))
+    w /= np.linalg.norm(w, axis=2, keepdims=True)
+    color = {color_of(name): (0.3, 0.6, 0.9)}
+    material = block("materials", name, {**color, **params}, "test")
+    for a, b in w.astype(np.float32):
+        there = _core.bsdf_eval(material, a, b[None])[0][0] / abs(b[2])
+        back = _core.bsdf_eval(material, b, a[None])[0][0] / abs(a[2])
+        ratio = index_ratio(name, params, a, b[None])[0]
+        np.testing.assert_allclose(there * ratio**2, back, rtol=2e-3, atol=1e-6)
+
+
+def test_lambert() -> None:
     rng = np.random.default_rng(5)
     w = rng.normal(size=(200, 2, 3))
     w /= np.linalg.norm(w, axis=2, keepdims=True)
     material = block("materials", "diffuse", {"color": (0.3, 0.6, 0.9)}, "test")
     for a, b in w.astype(np.float32):
-        there = _core.bsdf_eval(material, a, b[None])[0][0] / abs(b[2])
-        back = _core.bsdf_eval(material, b, a[None])[0][0] / abs(a[2])
-        np.testing.assert_allclose(there, back, rtol=1e-6)
+        f = _core.bsdf_eval(material, a, b[None])[0][0] / abs(b[2])
         same_side = a[2] * b[2] > 0
-        np.testing.assert_allclose(
-            there, np.float32([0.3, 0.6, 0.9]) / np.pi * same_side, rtol=1e-5
+        np.testing.assert_allclose(f, np.float32([0.3, 0.6, 0.9]) / np.pi * same_side, rtol=1e-5)
+
+
+# --- Against Mitsuba --------------------------------------------------------------------------
+
+
+def alphas(u: float, v: float) -> dict[str, float]:
+    """Our roughness and anisotropy for Mitsuba's two alphas."""
+    return {"roughness": (u * v) ** 0.25, "anisotropy": (u - v) / (u + v)}
+
+
+MITSUBA_PLASTIC = {"diffuse_reflectance": 0.7, "int_ior": 1.49, "ext_ior": 1.0}
+PLASTIC = {"color": (0.7, 0.7, 0.7), "ior": 1.49, "compensation": "off"}
+# Ours, Mitsuba's, and the largest relative difference of values. Mitsuba's G1 of Beckmann is a fit
+# good to 0.4 %, and what its roughplastic lets through comes from a table of 64 cosines.
+PAIRS: list[tuple[str, dict[str, Any], dict[str, Any], float]] = [
+    ("plastic", PLASTIC, {"type": "plastic", **MITSUBA_PLASTIC}, 3e-3),
+    (
+        "plastic",
+        {**PLASTIC, "nonlinear": "on"},
+        {"type": "plastic", "nonlinear": True, **MITSUBA_PLASTIC},
+        3e-3,
+    ),
+]
+for kind, room in (("ggx", 1e-4), ("beckmann", 7e-3)):
+    for u, v in ((0.3, 0.3), (0.1, 0.5)):
+        rough = {**alphas(u, v), "distribution": kind, "compensation": "off"}
+        theirs = {"alpha_u": u, "alpha_v": v, "distribution": kind}
+        PAIRS += [
+            (
+                "conductor",
+                {"eta": (0.2, 0.2, 0.2), "k": (3.9, 3.9, 3.9), **rough},
+                {"type": "roughconductor", "eta": 0.2, "k": 3.9, **theirs},
+                room,
+            ),
+            (
+                "dielectric",
+                {"ior": 1.5, **rough},
+                {"type": "roughdielectric", "int_ior": 1.5, "ext_ior": 1.0, **theirs},
+                room,
+            ),
+        ]
+    PAIRS += [
+        (
+            "plastic",
+            {**PLASTIC, "roughness": alpha**0.5, "distribution": kind},
+            {"type": "roughplastic", "alpha": alpha, "distribution": kind, **MITSUBA_PLASTIC},
+            1e-2,
         )
+        for alpha in (0.1, 0.3, 0.6)
+    ]
+
+
+@pytest.mark.parametrize(("name", "params", "theirs", "room"), PAIRS, ids=str)
+def test_agrees_with_mitsuba(
+    name: str, params: dict[str, Any], theirs: dict[str, Any], room: float
+) -> None:
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    bsdf, context = mi.load_dict(theirs), mi.BSDFContext()
+    at = mi.SurfaceInteraction3f()
+    at.sh_frame = mi.Frame3f([0, 0, 1])
+    material = block("materials", name, params, "test")
+    rng = np.random.default_rng(2)
+    wi = rng.normal(size=(300, 3))
+    wi /= np.linalg.norm(wi, axis=1, keepdims=True)
+    if name != "dielectric":  # Mitsuba's opaque ones are black from behind
+        wi[:, 2] = np.abs(wi[:, 2])
+    for cosine in (0.9, 0.3) + ((-0.8, -0.2) if name == "dielectric" else ()):
+        wo = np.array([0.6, 0.8, 0]) * np.sqrt(1 - cosine**2) + np.array([0, 0, cosine])
+        at.wi = mi.Vector3f(*wo)
+        values, densities = _core.bsdf_eval(material, wo, wi.astype(np.float32))
+        expected = [bsdf.eval_pdf(context, at, mi.Vector3f(*w)) for w in wi]
+        for ours, other in (
+            (values[:, 0], np.array([e[0][0] for e in expected])),
+            (densities, np.array([e[1] for e in expected])),
+        ):
+            # a few half vectors of refraction cancel to single precision's last digits
+            known = other > 1e-4
+            np.testing.assert_allclose(ours[~known], other[~known], atol=2e-4)
+            gap = np.abs(ours[known] / other[known] - 1)
+            assert np.quantile(gap, 0.98) < room, (cosine, gap.max())
 
 
 # --- Fresnel -----------------------------------------------------------------------------------
@@ -218,12 +467,14 @@ def furnace(*shapes: ph.Spheres, roulette: bool, vfov: float = 19.0, seed: int =
 
 @pytest.mark.parametrize("roulette", [False, True])
 @by_variant
-def test_white_furnace(name: str, params: dict[str, float], roulette: bool) -> None:
+def test_white_furnace(name: str, params: dict[str, Any], roulette: bool) -> None:
     sphere = ph.Spheres([[0, 0, 0]], 1.0, white_material(name, params))
     pixels = furnace(sphere, roulette=roulette)
     assert np.all(np.isfinite(pixels))
-    assert abs(pixels.mean() - 1) < 1e-3
-    assert pixels.max() < 1 + 1e-5
+    noise = 4 * pixels.std() / np.sqrt(pixels.size / 3)
+    assert pixels.mean() < 1 + 1e-3 + noise
+    if gives_back(name, params) or name == "emissive":
+        assert pixels.mean() > 1 - ROOM.get(name, 1e-3) - noise
 
 
 @pytest.mark.parametrize("roulette", [False, True])
@@ -263,7 +514,12 @@ def heap(materials: list[ph.Material]) -> list[ph.Spheres]:
 
 @pytest.mark.parametrize("roulette", [False, True])
 def test_white_furnace_of_a_heap(roulette: bool) -> None:
-    shapes = heap([white_material(n, p) for n, p in VARIANTS if n != "emissive"])
+    steady = ("diffuse", "metal", "conductor", "thin_dielectric", "null")
+    clear = [v for v in VARIANTS if v[0] == "dielectric" and not v[1].get("roughness")]
+    shapes = heap(
+        [white_material(n, p) for n, p in VARIANTS if n in steady and gives_back(n, p)]
+        + [white_material(*v) for v in clear]
+    )
     pixels = furnace(*shapes, roulette=roulette, vfov=24.0)
     assert np.all(np.isfinite(pixels))
     assert abs(pixels.mean() - 1) < 1e-3

@@ -24,7 +24,7 @@ extern "C" __global__ void render(const SceneView* scene, const RenderView* view
   if (x >= width || y >= height) return;
   PathStats stats = {0};
   for (unsigned s = first; s < last; ++s) {
-    PH_ISA::add(film[y * width + x], PH_ISA::radiance(*scene, *view, x, y, s, stats));
+    PH_ISA::add(film[y * width + x], PH_ISA::radiance(*scene, *view, x, y, s, stats, nullptr));
   }
 }
 """

@@ -1,49 +1,118 @@
-// Clear, smooth glass or water: reflects and refracts by Fresnel's equations, exactly.
+// Clear glass or water, smooth or frosted: reflects and refracts by Fresnel's equations, exactly.
 //
 // `ior` is the index inside the surface over the index outside. A bubble, or the inner wall of a
 // hollow sphere, is a sphere whose ior is below 1: air in glass has 1 / 1.5.
 #pragma once
 #include "../bsdf.h"
+#include "../fresnel.h"
+#include "../microfacet.h"
 
 namespace parhelion::PH_ISA {
 
 struct Dielectric {
   Vec3 color;
-  float ior;
+  float ior, roughness, anisotropy, distribution, compensation;
+  Vec3 reflectance, transmittance;
 
-  static constexpr const char* doc = "smooth glass: reflects and refracts";
+  static constexpr bool transmits = true;
+  static constexpr const char* doc = "glass, smooth or frosted: reflects and refracts";
   static constexpr ParamInfo params[] = {
       {"color", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "tint of the light at each crossing"},
       {"ior", 1, {1.5f}, 0.1f, 10.0f, "index of refraction, inside over outside"},
+      {"roughness", 1, {0.0f}, 0.0f, 1.0f, "square root of the microfacets' alpha; 0 is clear"},
+      {"anisotropy", 1, {0.0f}, -0.99f, 0.99f, "above 0 highlights stretch along u"},
+      {"distribution", 1, {0.0f}, 0.0f, 1.0f, "of the microfacets' normals", "ggx|beckmann"},
+      {"compensation", 1, {0.0f}, 0.0f, 1.0f, "light that bounces between microfacets", "on|off"},
+      {"reflectance", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "further tint of what is reflected"},
+      {"transmittance", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "further tint of what is refracted"},
   };
 };
 
-PH_INLINE bool is_delta(const Dielectric&) { return true; }
-PH_INLINE float pdf(const Dielectric&, Vec3, Vec3) { return 0.0f; }
-PH_INLINE Vec3 eval(const Dielectric&, Vec3, Vec3) { return {0, 0, 0}; }
+PH_INLINE Microfacets microfacets(const Dielectric& m) {
+  return microfacets(m.roughness, m.anisotropy, m.distribution);
+}
+
+// Refraction narrows a lobe by the contrast of the indices.
+PH_INLINE bool smooth(const Dielectric& m, const Microfacets& d) {
+  return max(d.alpha_u, d.alpha_v) * min(1.0f, abs(m.ior - 1.0f)) <= kSmoothAlpha;
+}
+
+PH_INLINE bool is_delta(const Dielectric& m) { return smooth(m, microfacets(m)); }
+
+struct DielectricValue {
+  Vec3 value;  // f |cos|, of radiance
+  float pdf;
+};
+
+// wo above the surface; eta is the index of the side below over that above.
+PH_INLINE DielectricValue evaluate(const Dielectric& m, const Microfacets& d, float eta, Vec3 wo,
+                                   Vec3 wi) {
+  const bool reflects = wi.z > 0.0f;
+  if (!(wo.z > 0.0f) || wi.z == 0.0f) return {{0, 0, 0}, 0.0f};
+  // Each half vector is the normal of the facet that takes wo to wi.
+  Vec3 half = reflects ? wo + wi : wo + wi * eta;
+  half = normalize(half);
+  half = half * copysign(1.0f, half.z);
+  const float facing = dot(wo, half), beyond = dot(wi, half);
+  if (!(facing > 0.0f) || (beyond > 0.0f) != reflects) return {{0, 0, 0}, 0.0f};
+  const float share = fresnel_dielectric(min(facing, 1.0f), eta).reflected;
+  const float density = visible_density(d, wo, half);
+  const bool all = m.compensation < 0.5f;
+  float left = shadowing(d, wo, wi, all);
+  if (all) left /= glass_albedo(d, wo, eta);
+  if (reflects) {
+    const float p = share * density / (4.0f * facing);
+    return {m.color * m.reflectance * (p * left), p};
+  }
+  // Walter et al. 2007, equation 17; radiance is squeezed into a narrower cone where the index is
+  // higher (Veach 1997, 5.2).
+  const float root = facing + eta * beyond;
+  const float p = (1.0f - share) * density * eta * eta * abs(beyond) / (root * root);
+  return {m.color * m.transmittance * (p * left / (eta * eta)), p};
+}
+
+PH_INLINE DielectricValue evaluate(const Dielectric& m, Vec3 wo, Vec3 wi) {
+  const Microfacets d = microfacets(m);
+  if (smooth(m, d)) return {{0, 0, 0}, 0.0f};
+  const float side = copysign(1.0f, wo.z);
+  wo.z *= side;
+  wi.z *= side;
+  return evaluate(m, d, side > 0.0f ? m.ior : 1.0f / m.ior, wo, wi);
+}
+
+PH_INLINE Vec3 eval(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
+PH_INLINE float pdf(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
 PH_INLINE bool sample(const Dielectric& m, Vec3 wo, const Sampler& sampler, u32 draw,
                       BsdfSample& out) {
-  const bool entering = wo.z > 0.0f;
-  const float eta = entering ? m.ior : 1.0f / m.ior;  // far side over near side
-  const float cos_i = abs(wo.z);
-  const float sin2_t = (1.0f - cos_i * cos_i) / (eta * eta);
-  const float cos_t = safe_sqrt(1.0f - sin2_t);
-  const float parallel = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
-  const float perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
-  const float reflected =
-      sin2_t >= 1.0f ? 1.0f : 0.5f * (parallel * parallel + perpendicular * perpendicular);
-  out.delta = true;
-  out.weight = m.color;
-  if (draw1(sampler, draw + kDrawLobe) < reflected) {
-    out.wi = {-wo.x, -wo.y, wo.z};
+  const Microfacets d = microfacets(m);
+  const float side = copysign(1.0f, wo.z);
+  const float eta = side > 0.0f ? m.ior : 1.0f / m.ior;  // far side over near side
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
+  const bool delta = smooth(m, d);
+  const Vec3 normal = delta
+                          ? Vec3{0, 0, 1}
+                          : sample_visible_normal(d, above, draw2(sampler, draw + kDrawDirection));
+  const float facing = dot(above, normal);
+  const Fresnel f = fresnel_dielectric(clamp(facing, 0.0f, 1.0f), eta);
+  const bool reflects = draw1(sampler, draw + kDrawLobe) < f.reflected;
+  const float scale = 1.0f / eta;
+  if (delta) {
+    out.delta = true;
+    out.wi =
+        reflects ? Vec3{-wo.x, -wo.y, wo.z} : Vec3{-wo.x * scale, -wo.y * scale, -side * f.cos_t};
+    out.weight = m.color * (reflects ? m.reflectance : m.transmittance * (scale * scale));
+    if (!reflects) out.eta = eta;
     return true;
   }
-  const float scale = 1.0f / eta;
-  out.wi = {-wo.x * scale, -wo.y * scale, entering ? -cos_t : cos_t};
-  // Radiance is squeezed into a narrower cone where the index is higher (Veach 1997, 5.2).
-  out.eta = eta;
-  out.weight = m.color * (scale * scale);
+  out.wi = reflects ? mirrored(above, normal)
+                    : normalize(normal * (facing * scale - f.cos_t) - above * scale);
+  const DielectricValue v = evaluate(m, d, eta, above, out.wi);
+  if ((out.wi.z > 0.0f) != reflects || !(v.pdf > 0.0f)) return false;
+  out.pdf = v.pdf;
+  out.weight = v.value * (1.0f / v.pdf);
+  if (!reflects) out.eta = eta;
+  out.wi.z *= side;
   return true;
 }
 

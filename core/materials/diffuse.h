@@ -1,16 +1,24 @@
-// Lambert's cosine law: the same radiance in every direction.
+// Matte surfaces: Lambert's cosine law, or, with roughness, the energy-preserving form of Oren and
+// Nayar's, which looks flatter and brighter towards the light, as plaster, clay and the moon do.
+//
+// Rough model: Portsmouth, Kutz and Hill, "EON: A Practical Energy-Preserving Rough Diffuse BRDF",
+// JCGT 14(1), 2025. White is white at every angle: what one bounce between facets loses is given
+// back by a term whose albedo is exactly that.
 #pragma once
 #include "../bsdf.h"
+#include "../special.h"
 #include "../warp.h"
 
 namespace parhelion::PH_ISA {
 
 struct Diffuse {
   Vec3 color;
+  float roughness;
 
-  static constexpr const char* doc = "matte: Lambert's cosine law, on both sides";
+  static constexpr const char* doc = "matte, on both sides: Lambert's cosine law, or rough";
   static constexpr ParamInfo params[] = {
       {"color", 3, {0.8f, 0.8f, 0.8f}, 0.0f, 1.0f, "share of the light that is reflected"},
+      {"roughness", 1, {0.0f}, 0.0f, 1.0f, "0 is Lambert's law, 1 like dry plaster"},
   };
 };
 
@@ -20,14 +28,46 @@ PH_INLINE float pdf(const Diffuse&, Vec3 wo, Vec3 wi) {
   return wo.z * wi.z > 0.0f ? cosine_hemisphere_pdf({wi.x, wi.y, abs(wi.z)}) : 0.0f;
 }
 
-PH_INLINE Vec3 eval(const Diffuse& m, Vec3 wo, Vec3 wi) { return m.color * pdf(m, wo, wi); }
+// 1 - 1 / A of the paper's A at roughness 1, and the mean loss of a single bounce there over A.
+inline constexpr float kRoughLoss = 0.5f - 2.0f / (3.0f * kPi);
+inline constexpr float kRoughMeanLoss = kRoughLoss - (2.0f / 3.0f - 28.0f / (15.0f * kPi));
+
+// Loss of a single bounce seen at a cosine, at roughness 1 over A: the albedo in the paper's
+// equation for G, in a form that does not cancel.
+PH_INLINE float rough_loss(float cosine) {
+  const float s = safe_sqrt(1.0f - cosine * cosine);
+  // (1 - s^3) / cosine = cosine (1 + s + s^2) / (1 + s)
+  const float g = s * (acos(cosine) - s * cosine) +
+                  (2.0f / 3.0f) * (s * cosine * (1.0f + s + s * s) / (1.0f + s) - s);
+  return kRoughLoss - g * (1.0f / kPi);
+}
+
+// f pi
+PH_INLINE Vec3 rough_reflectance(const Diffuse& m, Vec3 wo, Vec3 wi) {
+  if (m.roughness == 0.0f) return m.color;
+  const float o = abs(wo.z), i = abs(wi.z);
+  const float scale = 1.0f / (1.0f + kRoughLoss * m.roughness);
+  const float s = wo.x * wi.x + wo.y * wi.y;
+  const float once = scale * (1.0f + m.roughness * (s > 0.0f ? s / max(o, i) : s));
+  const float r = scale * m.roughness;
+  const float again = max(r * rough_loss(o) * rough_loss(i) * (1.0f / kRoughMeanLoss), 0.0f);
+  const float lost = r * kRoughMeanLoss;
+  const auto both = [&](float c) {
+    return c * once + c * c * (1.0f - lost) / (1.0f - c * lost) * again;
+  };
+  return {both(m.color.x), both(m.color.y), both(m.color.z)};
+}
+
+PH_INLINE Vec3 eval(const Diffuse& m, Vec3 wo, Vec3 wi) {
+  return rough_reflectance(m, wo, wi) * pdf(m, wo, wi);
+}
 
 PH_INLINE bool sample(const Diffuse& m, Vec3 wo, const Sampler& sampler, u32 draw,
                       BsdfSample& out) {
   out.wi = cosine_hemisphere(draw2(sampler, draw + kDrawDirection));
   out.pdf = cosine_hemisphere_pdf(out.wi);
   out.wi.z = copysign(out.wi.z, wo.z);
-  out.weight = m.color;
+  out.weight = rough_reflectance(m, wo, out.wi);
   return out.pdf > 0.0f;
 }
 

@@ -7,8 +7,7 @@
 // Method: Haines, Guenther and Akenine-Moeller, "Precision Improvements for Ray/Sphere
 // Intersection", Ray Tracing Gems, 2019.
 #pragma once
-#include "../simd.h"
-#include "../warp.h"
+#include "point.h"
 
 namespace parhelion {
 
@@ -71,11 +70,29 @@ PH_INLINE u32 intersect(const SphereBlock& block, const Ray& ray, float limit, u
   return hit;
 }
 
-// Where a ray meets the surface at distance t: the point, brought back onto the sphere, and the
-// outward unit normal there.
-PH_INLINE void surface(const Sphere& s, const Ray& ray, float t, Vec3& point, Vec3& normal) {
-  normal = normalize(ray.origin - s.center + ray.direction * t);
-  point = s.center + normal * s.radius;
+// Where a ray meets the surface at distance t. The point is brought back onto the sphere; of a ray
+// that starts there the test leaves that sphere out, so nothing is to be allowed for.
+PH_INLINE void surface(const Sphere& s, const Ray& ray, float t, SurfacePoint& out) {
+  out.normal = normalize(ray.origin - s.center + ray.direction * t);
+  out.point = s.center + out.normal * s.radius;
+  out.parameter = {0.0f, 0.0f};
+  out.error = 0.0f;
+}
+
+// u is the longitude over 360 degrees, 0 at the sphere's own x axis and growing towards y; v is the
+// angle from its -z pole over 180 degrees. rotation: from the sphere's own frame to the scene, by
+// rows. At a pole every meridian would do; the one of u = 0 is taken, and dpdu kept above 0.
+PH_INLINE void parametrise(const Sphere& s, const float (&rotation)[9], const SurfacePoint& at,
+                           Vec2& uv, Vec3& dpdu, Vec3& dpdv) {
+  const Vec3 x = {rotation[0], rotation[3], rotation[6]};
+  const Vec3 y = {rotation[1], rotation[4], rotation[7]};
+  const Vec3 z = {rotation[2], rotation[5], rotation[8]};
+  const Vec3 n = {dot(x, at.normal), dot(y, at.normal), dot(z, at.normal)};
+  const float sine = sqrt(n.x * n.x + n.y * n.y);
+  const Vec2 meridian = sine > 0.0f ? Vec2{n.x / sine, n.y / sine} : Vec2{1.0f, 0.0f};
+  uv = {turn(meridian.y, meridian.x), atan2(sine, -n.z) * (1.0f / kPi)};
+  dpdu = (y * meridian.x - x * meridian.y) * (2.0f * kPi * s.radius * max(sine, 1e-6f));
+  dpdv = ((x * meridian.x + y * meridian.y) * -n.z + z * sine) * (kPi * s.radius);
 }
 
 PH_INLINE float area(const Sphere& s) { return 4.0f * kPi * s.radius * s.radius; }
@@ -88,31 +105,25 @@ PH_INLINE float subtended_spread(const Sphere& s, Vec3 from) {
   return sine2 < 1.0f ? sine2 / (1.0f + sqrt(1.0f - sine2)) : 0.0f;
 }
 
-// A direction from a point towards the sphere, uniform in the solid angle that it subtends, and the
-// distance to it. The density is 0 from inside.
-// Method: P. Shirley, C. Wang and K. Zimmerman, "Monte Carlo Techniques for Direct Lighting
-// Calculations", ACM TOG 15(1), 1996, sampling by solid angle.
-struct TowardsSample {
-  Vec3 direction;
-  float distance;
-  float pdf;
-};
-
-PH_INLINE float pdf_towards(const Sphere& s, Vec3 from) {
+PH_INLINE float pdf_towards(const Sphere& s, Vec3 from, Vec3, float, Vec3) {
   const float spread = subtended_spread(s, from);
   return spread > 0.0f ? 1.0f / (2.0f * kPi * spread) : 0.0f;
 }
 
+// Uniform in the solid angle that the sphere subtends; the density is 0 from inside.
+// Method: P. Shirley, C. Wang and K. Zimmerman, "Monte Carlo Techniques for Direct Lighting
+// Calculations", ACM TOG 15(1), 1996, sampling by solid angle.
 PH_INLINE TowardsSample sample_towards(const Sphere& s, Vec3 from, Vec2 u) {
   const float spread = subtended_spread(s, from);
-  if (!(spread > 0.0f)) return {{0, 0, 1}, 0.0f, 0.0f};
+  if (!(spread > 0.0f)) return kNowhere;
   const Vec3 f = s.center - from;
   const Vec3 local = uniform_cone(u, spread);
   const Vec3 direction = to_world(frame_around(normalize(f)), local);
   const float b = dot(f, direction);
   const Vec3 perpendicular = f - direction * b;
   const float half = safe_sqrt(s.radius * s.radius - dot(perpendicular, perpendicular));
-  return {direction, b - half, 1.0f / (2.0f * kPi * spread)};
+  const Vec3 normal = normalize(-(direction * half + perpendicular));
+  return {direction, b - half, 1.0f / (2.0f * kPi * spread), normal, {0.0f, 0.0f}};
 }
 
 }  // namespace parhelion::PH_ISA

@@ -9,7 +9,8 @@ struct Attribute {
   float name;  // its index among all names of attributes; from Python, the name itself
 
   static constexpr const char* doc =
-      "numbers that a mesh has by vertex or face, `name` in its attributes; black where it has none";
+      "numbers that a mesh has by vertex or face, `name` in its attributes; black where it has "
+      "none";
   static constexpr ParamInfo params[] = {
       {"name", 1, {0.0f}, 0.0f, 1e6f, "of the attribute"},
   };

@@ -21,7 +21,22 @@ if TYPE_CHECKING:
     from .io import LoadOptions, load
     from .progress import Progress
     from .renderer import Prepared, prepare, render
-    from .scene import Background, Camera, Framing, Material, Scene, Settings, Spheres
+    from .scene import (
+        Background,
+        Camera,
+        Curves,
+        Cylinders,
+        Disks,
+        Framing,
+        Instances,
+        Light,
+        Material,
+        Mesh,
+        Scene,
+        Settings,
+        Spheres,
+        Texture,
+    )
 
 _HOMES = {
     "FormatError": "errors",
@@ -39,6 +54,13 @@ _HOMES = {
     "Camera": "scene",
     "Framing": "scene",
     "Material": "scene",
+    "Curves": "scene",
+    "Cylinders": "scene",
+    "Disks": "scene",
+    "Instances": "scene",
+    "Light": "scene",
+    "Mesh": "scene",
+    "Texture": "scene",
     "Scene": "scene",
     "Settings": "scene",
     "Spheres": "scene",
@@ -48,11 +70,17 @@ _HOMES = {
 __all__ = [
     "Background",
     "Camera",
+    "Curves",
+    "Cylinders",
+    "Disks",
     "FormatError",
     "Framing",
     "Image",
+    "Instances",
+    "Light",
     "LoadOptions",
     "Material",
+    "Mesh",
     "ParhelionError",
     "Prepared",
     "Progress",
@@ -61,6 +89,7 @@ __all__ = [
     "SceneError",
     "Settings",
     "Spheres",
+    "Texture",
     "load",
     "prepare",
     "render",

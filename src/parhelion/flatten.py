@@ -7,41 +7,71 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from . import tables
 from .errors import SceneError, unknown_name
-from .scene import Background, Material, Scene, Spheres
+from .scene import (
+    Curves,
+    Cylinders,
+    Disks,
+    Instances,
+    Light,
+    Material,
+    Mesh,
+    Scene,
+    Spheres,
+    Texture,
+)
 
 # (index of the entry in its table, its parameters one after the other)
 Block = tuple[int, list[float]]
 
+NONE = 0xFFFFFFFF  # no texture, image or material
+
+# Parameters that every material takes; scene.py says what they mean.
+COMMON = {
+    "emission", "two_sided_emission", "opacity", "normal_map", "bump_map", "two_sided", "back",
+    "priority", "absorption",
+}  # fmt: skip
+
+_CHANNELS = {"luminance": 0, "rgb": 0, "r": 1, "g": 2, "b": 3, "a": 4}
+
 
 @dataclass(frozen=True)
 class Flat:
-    """groups: (name, centers, radii, material, materials or None, colors or None) a shape, as
-    _core.Scene takes them. materials, background: parameter blocks.
+    """parts: what _core.Scene takes, a dict of lists of dicts; bindings/core.cpp reads them.
+
+    shape_names, material_names: by the indices that features and statistics use.
     """
 
-    groups: list[tuple[Any, ...]]
-    materials: list[Block]
-    background: Block
+    parts: dict[str, Any]
+    shape_names: list[str]
+    material_names: list[str]
 
     def sha256(self) -> str:
-        """Hash of everything that is seen: geometry, materials and background, not the camera."""
-        h = hashlib.sha256(b"parhelion scene 1")
-        for name, *parts in self.groups:
-            h.update(repr(name).encode())
-            for part in parts:
-                if isinstance(part, np.ndarray):
-                    h.update(f"{part.dtype} {part.shape}".encode())
-                    h.update(np.ascontiguousarray(part).data)
-                else:
-                    h.update(repr(part).encode())
-        h.update(repr((self.materials, self.background)).encode())
+        """Hash of everything that is seen: geometry, materials and lights, not the camera."""
+        h = hashlib.sha256(b"parhelion scene 2")
+
+        def add(value: Any) -> None:
+            if isinstance(value, np.ndarray):
+                h.update(f"{value.dtype} {value.shape}".encode())
+                h.update(np.ascontiguousarray(value).data)
+            elif isinstance(value, Mapping):
+                for key in sorted(value):
+                    h.update(repr(key).encode())
+                    add(value[key])
+            elif isinstance(value, (list, tuple)):
+                h.update(f"[{len(value)}".encode())
+                for item in value:
+                    add(item)
+            else:
+                h.update(repr(value).encode())
+
+        add(self.parts)
         return h.hexdigest()
 
 
@@ -51,74 +81,599 @@ def flatten(scene: Scene) -> Flat:
         raise SceneError(f"a Scene is needed, not {type(scene).__name__}")
     if not isinstance(scene.materials, Mapping):
         raise SceneError(f"materials: a dict is needed, not {type(scene.materials).__name__}")
-    if not isinstance(scene.shapes, Sequence):
-        raise SceneError(f"shapes: a list is needed, not {type(scene.shapes).__name__}")
+    for what, values in (("shapes", scene.shapes), ("lights", scene.lights)):
+        if not isinstance(values, Sequence):
+            raise SceneError(f"{what}: a list is needed, not {type(values).__name__}")
     for name, named in scene.materials.items():
         if not isinstance(named, Material):
             raise SceneError(f"material {name!r}: a Material is needed, not {named!r}")
-    if not isinstance(scene.background, Background):
+    if scene.background is not None and not isinstance(scene.background, Light):
         raise SceneError(f"background: a Background is needed, not {scene.background!r}")
-    names = {name: i for i, name in enumerate(scene.materials)}
-    materials = [
-        block("materials", m.type, m.params, f"material {name!r}")
-        for name, m in scene.materials.items()
-    ]
-    groups = []
+    for i, light in enumerate(scene.lights):
+        if not isinstance(light, Light):
+            raise SceneError(f"lights[{i}]: a Light is needed, not {light!r}")
+
+    parts = _Parts()
+    for name in scene.materials:
+        parts.materials.append({})  # its place: later ones may be its back or part of its blend
+        parts.material_names.append(str(name))
+    parts.named = {name: i for i, name in enumerate(scene.materials)}
+    parts.known = dict(scene.materials)
+    for name, named in scene.materials.items():
+        parts.materials[parts.named[name]] = parts.material(named, f"material {name!r}", name)
+
+    own: list[dict[str, Any]] = []
     for shape in scene.shapes:
-        if not isinstance(shape, Spheres):
-            raise SceneError(f"shapes: Spheres are needed, not {type(shape).__name__}")
-        groups.append(_group(shape, names, materials))
-    background = block("backgrounds", scene.background.type, scene.background.params, "background")
-    return Flat(groups, materials, background)
+        if isinstance(shape, Instances):
+            own.append(parts.instances(shape))
+        else:
+            own.append(parts.shape(shape))
+    parts.groups.append(own)
+    if scene.background is not None:
+        parts.light(scene.background, "background", outside=True)
+    for i, light in enumerate(scene.lights):
+        parts.light(light, f"lights[{i}]")
+    return Flat(
+        {
+            "groups": parts.groups,
+            "materials": parts.materials,
+            "textures": parts.textures,
+            "images": parts.images,
+            "lights": parts.lights,
+        },
+        [s["name"] for group in parts.groups for s in group],
+        parts.material_names,
+    )
 
 
 def block(kind: str, name: str, params: Mapping[str, Any], where: str) -> Block:
-    """The parameter block of a material or background, checked against its table."""
+    """The parameter block of a material, texture or light, checked against its table."""
     values = tables.check(kind, name, params, where)
-    floats = [x for value in values.values() for x in value]
-    if kind == "backgrounds" and name == "gradient" and not any(values["up"]):
-        raise SceneError(f"{where}: parameter 'up' is 0; it must have a direction")
-    return list(tables.tables()[kind]).index(name), floats
+    return list(tables.tables()[kind]).index(name), [x for v in values.values() for x in v]
 
 
-def _group(shape: Spheres, names: dict[str, int], materials: list[Block]) -> tuple[Any, ...]:
-    where = f"shape {shape.name!r}"
-    centers = _floats(shape.centers, f"{where}: centers")
-    if centers.size == 0:
-        centers = centers.reshape(0, 3)
-    if centers.ndim != 2 or centers.shape[1] != 3:
-        raise SceneError(f"{where}: centers has shape {centers.shape}; must be (N, 3)")
-    count = len(centers)
-    radii = _floats(shape.radii, f"{where}: radii")
+@dataclass
+class _Parts:
+    """What has been gathered so far."""
+
+    groups: list[list[dict[str, Any]]] = field(default_factory=list)
+    materials: list[dict[str, Any]] = field(default_factory=list)
+    material_names: list[str] = field(default_factory=list)
+    textures: list[dict[str, Any]] = field(default_factory=list)
+    images: list[dict[str, Any]] = field(default_factory=list)
+    lights: list[dict[str, Any]] = field(default_factory=list)
+    named: dict[str, int] = field(default_factory=dict)
+    known: dict[str, Material] = field(default_factory=dict)
+    attributes: dict[str, int] = field(default_factory=dict)
+    _materials_made: dict[Material, int] = field(default_factory=dict)
+    _textures_made: dict[Texture, int] = field(default_factory=dict)
+    _images_made: dict[tuple[Any, ...], int] = field(default_factory=dict)
+    _groups_made: dict[int, int] = field(default_factory=dict)
+    _kept: list[Any] = field(default_factory=list)  # so that no id() is given twice
+
+    # --- Materials -------------------------------------------------------------------------------
+
+    def material_index(self, material: Any, where: str) -> int:
+        """Of a name or a Material."""
+        if isinstance(material, str):
+            if material not in self.named:
+                raise SceneError(f"{where}: {unknown_name('material', material, self.named)}")
+            return self.named[material]
+        if not isinstance(material, Material):
+            raise SceneError(f"{where}: a Material or its name is needed, not {material!r}")
+        if material not in self._materials_made:
+            index = len(self.materials)
+            self.materials.append({})
+            self.material_names.append(material.type)
+            self._materials_made[material] = index
+            self.materials[index] = self.material(material, where, None, index)
+        return self._materials_made[material]
+
+    def material(
+        self, m: Material, where: str, name: str | None, index: int | None = None
+    ) -> dict[str, Any]:
+        """The record of a material; `name` or `index` is its own."""
+        own = self.named[name] if name is not None else index
+        params = dict(m.params)
+        common = {key: params.pop(key) for key in COMMON & params.keys()}
+        record: dict[str, Any] = {"bindings": []}
+        uses_uv = False
+        transmits = False
+        if m.type == "blend":
+            missing = {"a", "b"} - params.keys()
+            extra = params.keys() - {"a", "b", "weight"}
+            if missing or extra:
+                word = sorted(missing or extra)[0]
+                problem = "is missing" if missing else "is unknown"
+                raise SceneError(
+                    f"{where}: parameter {word!r} {problem} (choices: a, b, weight, and those of"
+                    " every material)"
+                )
+            record["block"] = block("materials", "diffuse", {}, where)
+            first = self.material_index(params["a"], f"{where}: a")
+            second = self.material_index(params["b"], f"{where}: b")
+            if own in (first, second):
+                raise SceneError(f"{where}: is a blend of itself")
+            record["blend_first"], record["blend_second"] = first, second
+            value, texture = self._number(params.get("weight", 0.5), 0.0, 1.0, f"{where}: weight")
+            record["blend_weight"] = value
+            if texture is not None:
+                record["blend_texture"] = texture
+            uses_uv = (
+                any(self.materials[i].get("uses_uv", True) for i in (first, second))
+                or texture is not None
+            )
+            transmits = True
+        else:
+            entry = tables.entry("materials", m.type, where)
+            transmits = entry.transmits
+            plain = {k: v for k, v in params.items() if not isinstance(v, Texture)}
+            record["block"] = block("materials", m.type, plain, where)
+            offset = 0
+            listed = {p.name for p in entry.params}
+            for key in params:
+                if key not in listed:
+                    raise SceneError(f"{where}: {unknown_name('parameter', key, listed | COMMON)}")
+            for p in entry.params:
+                value = params.get(p.name)
+                if isinstance(value, Texture):
+                    if p.choices:
+                        raise SceneError(f"{where}: parameter {p.name!r} cannot be a Texture")
+                    record["bindings"].append(
+                        self.binding(value, p.size, offset, f"{where}: parameter {p.name!r}")
+                    )
+                elif p.name == "anisotropy" and record["block"][1][offset] != 0:
+                    uses_uv = True
+                offset += p.size
+            uses_uv = uses_uv or bool(record["bindings"])
+        emission = common.get("emission", (0.0, 0.0, 0.0))
+        if isinstance(emission, Texture):
+            record["emission"] = (1.0, 1.0, 1.0)
+            record["emission_texture"] = self.binding(emission, 3, 0, f"{where}: emission")
+            uses_uv = True
+        else:
+            record["emission"] = _color(emission, f"{where}: emission")
+        record["emits_back"] = _flag(common.get("two_sided_emission", False), where)
+        value, texture = self._number(common.get("opacity", 1.0), 0.0, 1.0, f"{where}: opacity")
+        record["opacity"] = value
+        if texture is not None:
+            record["opacity_texture"] = texture
+            uses_uv = True
+        for key in ("normal_map", "bump_map"):
+            if common.get(key) is not None:
+                if not isinstance(common[key], Texture):
+                    raise SceneError(f"{where}: {key} must be a Texture")
+                record[key] = self.binding(common[key], 3, 0, f"{where}: {key}", data=True)
+                uses_uv = True
+        record["absorption"] = _color(common.get("absorption", (0.0,) * 3), f"{where}: absorption")
+        priority = common.get("priority", 0)
+        if isinstance(priority, bool) or not isinstance(priority, (int, np.integer)):
+            raise SceneError(f"{where}: priority is {priority!r}; must be a whole number")
+        if not 0 <= priority < 2**31:
+            raise SceneError(f"{where}: priority is {priority}; must be >= 0")
+        record["priority"] = int(priority)
+        back = common.get("back")
+        if back is not None:
+            record["back"] = self.material_index(back, f"{where}: back")
+            uses_uv = uses_uv or bool(self.materials[record["back"]].get("uses_uv", True))
+        elif _flag(common.get("two_sided", True), where) or transmits:
+            record["back"] = own
+        else:
+            record["back"] = NONE
+        record["uses_uv"] = uses_uv
+        return record
+
+    def _number(
+        self, value: Any, low: float, high: float, where: str
+    ) -> tuple[float, dict[str, int] | None]:
+        """A number, and the texture in its place, if there is one."""
+        if isinstance(value, Texture):
+            return 1.0, self.binding(value, 1, 0, where)
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = float("nan")
+        if not low <= number <= high:
+            raise SceneError(f"{where} is {value!r}; must lie in [{low:g}, {high:g}]")
+        return number, None
+
+    # --- Textures --------------------------------------------------------------------------------
+
+    def binding(
+        self, texture: Texture, size: int, offset: int, where: str, data: bool = False
+    ) -> dict[str, int]:
+        """A texture in the place of `size` numbers of a block, from `offset`. data: no colours."""
+        if not isinstance(texture, Texture):
+            raise SceneError(f"{where}: a Texture is needed, not {texture!r}")
+        channel = texture.params.get("channel", "rgb")
+        if channel not in _CHANNELS:
+            raise SceneError(f"{where}: texture: {unknown_name('channel', channel, _CHANNELS)}")
+        data = data or (size == 1 and channel != "rgb" and channel != "luminance")
+        return {
+            "texture": self.texture_index(texture, f"{where}: texture", data),
+            "offset": offset,
+            "size": size,
+            "channel": _CHANNELS[channel],
+        }
+
+    def texture_index(self, t: Texture, where: str, data: bool) -> int:
+        key = Texture(t.type, **t.params, __data=data)
+        if key not in self._textures_made:
+            self._textures_made[key] = len(self.textures)
+            self.textures.append(self._texture(t, where, data))
+            self._kept.append(t)
+        return self._textures_made[key]
+
+    def _texture(self, t: Texture, where: str, data: bool) -> dict[str, Any]:
+        entry = tables.entry("textures", t.type, where)
+        params = dict(t.params)
+        common = {
+            key: params.pop(key)
+            for key in ("image", "color_space", "transform", "channel")
+            if key in params
+        }
+        if t.type == "attribute":
+            name = params.pop("name", None)
+            if not isinstance(name, str):
+                raise SceneError(f"{where}: parameter 'name', the attribute's, is missing")
+            params["name"] = self.attribute(name)
+        record: dict[str, Any] = {"block": block("textures", t.type, params, where)}
+        matrix = np.eye(3)[:2]
+        if common.get("transform") is not None:
+            matrix = _floats(common["transform"], f"{where}: transform")
+            if matrix.shape not in ((2, 3), (3, 3)) or not np.all(np.isfinite(matrix)):
+                raise SceneError(f"{where}: transform must be a finite (2, 3) or (3, 3) matrix")
+        record["to_uv"] = matrix[:2].astype(np.float64).ravel().tolist()
+        if entry.image:
+            if common.get("image") is None:
+                raise SceneError(f"{where}: parameter 'image' is missing")
+            mip = record["block"][1][0] == 0.0 if t.type == "image" else False
+            record["image"] = self.image_index(
+                common["image"], common.get("color_space", "auto"), where, data, mip
+            )
+        elif common.get("image") is not None:
+            raise SceneError(f"{where}: a texture of type {t.type!r} takes no image")
+        return record
+
+    def attribute(self, name: str) -> int:
+        return self.attributes.setdefault(name, len(self.attributes))
+
+    def image_index(self, image: Any, color_space: str, where: str, data: bool, mip: bool) -> int:
+        if color_space not in ("auto", "srgb", "linear"):
+            choices = ("auto", "srgb", "linear")
+            raise SceneError(f"{where}: {unknown_name('color_space', color_space, choices)}")
+        name = str(image) if isinstance(image, str) or hasattr(image, "__fspath__") else "image"
+        key = (name if name != "image" else id(image), color_space, data, mip)
+        if key not in self._images_made:
+            from .image import read_pixels
+
+            self._kept.append(image)
+            pixels = read_pixels(image, where) if name != "image" else np.asarray(image)
+            pixels = _pixels(pixels, f"{where}: image")
+            srgb = color_space == "srgb" or (
+                color_space == "auto" and not data and pixels.dtype == np.uint8
+            )
+            self._images_made[key] = len(self.images)
+            self.images.append({"name": name, "pixels": pixels, "srgb": srgb, "mip": mip})
+        return self._images_made[key]
+
+    # --- Lights ----------------------------------------------------------------------------------
+
+    def light(self, light: Light, where: str, outside: bool = False) -> None:
+        entry = tables.entry("lights", light.type, where)
+        if outside and not entry.outside:
+            choices = [e.name for e in tables.tables()["lights"].values() if e.outside]
+            raise SceneError(f"{where}: {unknown_name('background type', light.type, choices)}")
+        params = dict(light.params)
+        common = {
+            key: params.pop(key) for key in ("image", "color_space", "transform") if key in params
+        }
+        made = block("lights", light.type, params, where)
+        checked = tables.check("lights", light.type, params, where)
+        for key in ("up", "direction", "sun_direction"):
+            if key in checked and not any(checked[key]):
+                raise SceneError(f"{where}: parameter {key!r} is 0; it must have a direction")
+        rotation, position = np.eye(3), np.zeros(3)
+        if common.get("transform") is not None:
+            matrix = _floats(common["transform"], f"{where}: transform").astype(np.float64)
+            if matrix.shape not in ((3, 3), (3, 4), (4, 4)) or not np.all(np.isfinite(matrix)):
+                raise SceneError(f"{where}: transform must be a finite (3, 3) or (4, 4) matrix")
+            rotation = matrix[:3, :3]
+            if matrix.shape[1] == 4:
+                position = matrix[:3, 3]
+            if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
+                raise SceneError(f"{where}: transform must be a rotation and a translation")
+        record = {
+            "name": where,
+            "block": made,
+            "rotation": rotation.ravel().tolist(),
+            "position": position.tolist(),
+        }
+        if entry.image:
+            if common.get("image") is None:
+                raise SceneError(f"{where}: parameter 'image' is missing")
+            record["image"] = self.image_index(
+                common["image"], common.get("color_space", "auto"), where, False, False
+            )
+        elif common.get("image") is not None:
+            raise SceneError(f"{where}: a light of type {light.type!r} takes no image")
+        self.lights.append(record)
+
+    # --- Shapes ----------------------------------------------------------------------------------
+
+    def shape(self, shape: Any) -> dict[str, Any]:
+        makers = {
+            Spheres: _spheres, Mesh: _mesh, Disks: _disks, Cylinders: _cylinders, Curves: _curves,
+        }  # fmt: skip
+        if type(shape) not in makers:
+            names = ", ".join(t.__name__ for t in makers)
+            raise SceneError(
+                f"shapes: one of {names} and Instances is needed, not {type(shape).__name__}"
+            )
+        name = str(shape.name).encode(errors="backslashreplace").decode()  # of any file's name
+        where = f"shape {name!r}"
+        record: dict[str, Any] = makers[type(shape)](shape, where)
+        record["name"] = name
+        record["inside_out"] = _flag(getattr(shape, "inside_out", False), where)
+        count = record["count"]
+        if shape.colors is not None:
+            colors = _floats(shape.colors, f"{where}: colors")
+            with np.errstate(over="ignore"):  # the core names the one that became infinite
+                colors = colors.astype(np.float32, copy=False)
+            if colors.size == 0:
+                colors = colors.reshape(0, 3)
+            if colors.shape != (count, 3):
+                raise SceneError(f"{where}: colors has shape {colors.shape}; must be ({count}, 3)")
+            record["colors"] = colors
+        record["material"] = 0
+        if isinstance(shape.material, (Material, str)):
+            record["material"] = self.material_index(shape.material, where)
+        else:
+            record["material_of"] = _indices(shape.material, count, self.named, where)
+        if isinstance(shape, Mesh) and shape.attributes:
+            record["attributes"] = [
+                self._attribute(key, values, count, len(record["vertices"]), where)
+                for key, values in shape.attributes.items()
+            ]
+        return record
+
+    def _attribute(
+        self, key: str, values: Any, faces: int, vertices: int, where: str
+    ) -> dict[str, Any]:
+        what = f"{where}: attribute {key!r}"
+        array = _floats(values, what).astype(np.float32, copy=False)
+        per_face = key.startswith("face_")
+        if not per_face and not key.startswith("vertex_"):
+            raise SceneError(f"{what}: its name must begin with 'vertex_' or 'face_'")
+        rows = faces if per_face else vertices
+        if array.shape not in ((rows,), (rows, 1), (rows, 3)):
+            raise SceneError(
+                f"{what} has shape {array.shape}; must be ({rows},) or ({rows}, 3), one for each"
+                f" {'face' if per_face else 'vertex'}"
+            )
+        bad = np.flatnonzero(~np.isfinite(array.reshape(rows, -1)).all(axis=1))
+        if bad.size:
+            raise SceneError(f"{what}[{bad[0]}] is not finite")
+        return {
+            "name": self.attribute(key),
+            "values": np.ascontiguousarray(array),
+            "components": 1 if array.ndim == 1 else array.shape[1],
+            "per_face": per_face,
+        }
+
+    def instances(self, shape: Instances) -> dict[str, Any]:
+        name = str(shape.name)
+        where = f"shape {name!r}"
+        transforms = _floats(shape.transforms, f"{where}: transforms").astype(np.float64)
+        if transforms.size == 0:
+            transforms = transforms.reshape(0, 3, 4)
+        if transforms.ndim != 3 or transforms.shape[1:] not in ((3, 4), (4, 4)):
+            raise SceneError(
+                f"{where}: transforms has shape {transforms.shape}; must be (N, 3, 4) or (N, 4, 4)"
+            )
+        if transforms.shape[1] == 4 and not np.allclose(transforms[:, 3], (0, 0, 0, 1)):
+            raise SceneError(f"{where}: transforms must be affine, with a last row 0 0 0 1")
+        if id(shape.shapes) not in self._groups_made:  # Instances may share a group
+            shapes: list[dict[str, Any]] = []
+            for part in shape.shapes:
+                if isinstance(part, Instances):
+                    raise SceneError(f"{where}: holds Instances itself; one level is possible")
+                shapes.append(self.shape(part))
+            self._groups_made[id(shape.shapes)] = len(self.groups)
+            self.groups.append(shapes)
+            self._kept.append(shape.shapes)
+        group = self._groups_made[id(shape.shapes)]
+        return {
+            "kind": "instance",
+            "name": name,
+            "count": len(transforms),
+            "group": group,
+            "transforms": np.ascontiguousarray(transforms[:, :3, :]),
+        }
+
+
+# --- Each kind of shape --------------------------------------------------------------------------
+
+
+def _spheres(shape: Spheres, where: str) -> dict[str, Any]:
+    centers = _points(shape.centers, f"{where}: centers")
+    record = {
+        "kind": "sphere",
+        "count": len(centers),
+        "centers": centers,
+        "radii": _radii(shape.radii, len(centers), "center", where),
+    }
+    if shape.rotation is not None:
+        rotation = _floats(shape.rotation, f"{where}: rotation").astype(np.float64)
+        if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
+            raise SceneError(f"{where}: rotation must be a (3, 3) rotation matrix")
+        record["rotation"] = rotation.astype(np.float32).ravel()
+    return record
+
+
+def _mesh(shape: Mesh, where: str) -> dict[str, Any]:
+    vertices = _points(shape.vertices, f"{where}: vertices")
+    faces = np.asarray(shape.faces)
+    if faces.size == 0:
+        faces = faces.reshape(0, 3).astype(np.uint32)
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+        raise SceneError(
+            f"{where}: faces is {faces.dtype} of shape {faces.shape}; must be (F, 3) whole numbers"
+        )
+    bad = np.argwhere((faces < 0) | (faces >= len(vertices)))
+    if bad.size:
+        face, corner = bad[0]
+        raise SceneError(
+            f"{where}: faces[{face}] has vertex {faces[face, corner]}; the mesh has vertices 0 to"
+            f" {len(vertices) - 1}"
+        )
+    record = {
+        "kind": "triangle",
+        "count": len(faces),
+        "vertices": vertices,
+        "faces": np.ascontiguousarray(faces, dtype=np.uint32),
+    }
+    for key, width in (("normals", 3), ("uvs", 2)):
+        values = getattr(shape, key)
+        if values is None:
+            continue
+        array = _floats(values, f"{where}: {key}").astype(np.float32, copy=False)
+        if array.shape != (len(vertices), width):
+            raise SceneError(
+                f"{where}: {key} has shape {array.shape}; must be ({len(vertices)}, {width}), one"
+                " for each vertex"
+            )
+        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        if bad.size:
+            raise SceneError(f"{where}: {key}[{bad[0]}] is not finite")
+        record[key] = array
+    return record
+
+
+def _disks(shape: Disks, where: str) -> dict[str, Any]:
+    centers = _points(shape.centers, f"{where}: centers")
+    record = {"kind": "disk", "count": len(centers), "centers": centers}
+    for key in ("axis_u", "axis_v"):
+        record[key] = _rows(getattr(shape, key), len(centers), f"{where}: {key}")
+    u, v = (record[key].astype(np.float64) for key in ("axis_u", "axis_v"))
+    size = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+    bad = np.flatnonzero(~(np.abs((u * v).sum(axis=1)) <= 1e-4 * size) | (size == 0))
+    if bad.size:
+        raise SceneError(
+            f"{where}: axis_u[{bad[0]}] and axis_v[{bad[0]}] must be finite, not 0 and"
+            " perpendicular to each other"
+        )
+    return record
+
+
+def _cylinders(shape: Cylinders, where: str) -> dict[str, Any]:
+    starts = _points(shape.starts, f"{where}: starts")
+    ends = _rows(shape.ends, len(starts), f"{where}: ends")
+    axis = ends.astype(np.float64) - starts
+    size = np.linalg.norm(axis, axis=1)
+    bad = np.flatnonzero(size == 0)
+    if bad.size:
+        raise SceneError(f"{where}: starts[{bad[0]}] and ends[{bad[0]}] are the same point")
+    axis = axis / size[:, None]
+    if shape.axis_u is None:
+        least = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
+    else:
+        least = _rows(shape.axis_u, len(starts), f"{where}: axis_u").astype(np.float64)
+    side = least - axis * (least * axis).sum(axis=1)[:, None]
+    length = np.linalg.norm(side, axis=1)
+    bad = np.flatnonzero(length == 0)
+    if bad.size:
+        raise SceneError(f"{where}: axis_u[{bad[0]}] is along the cylinder's axis")
+    return {
+        "kind": "cylinder",
+        "count": len(starts),
+        "starts": starts,
+        "ends": ends,
+        "axis_u": side / length[:, None],
+        "radii": _radii(shape.radii, len(starts), "cylinder", where),
+    }
+
+
+def _curves(shape: Curves, where: str) -> dict[str, Any]:
+    from .curves import bezier_segments
+
+    points = _points(shape.points, f"{where}: points")
+    radii = np.broadcast_to(_radii(shape.radii, len(points), "point", where), len(points))
+    controls, widths, along, flags = bezier_segments(shape, points, radii, where)
+    return {
+        "kind": "curve",
+        "count": len(controls),
+        "points": np.ascontiguousarray(controls.reshape(len(controls), 12)),
+        "radii": np.ascontiguousarray(widths),
+        "along": along,
+        "flags": flags,
+    }
+
+
+# --- Arrays --------------------------------------------------------------------------------------
+
+
+def _points(values: Any, what: str) -> Any:
+    array = _floats(values, what)
+    if array.size == 0:
+        array = array.reshape(0, 3)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise SceneError(f"{what} has shape {array.shape}; must be (N, 3)")
+    return array
+
+
+def _rows(values: Any, count: int, what: str) -> Any:
+    array = _points(values, what)
+    if len(array) != count:
+        raise SceneError(f"{what} has shape {array.shape}; must be ({count}, 3)")
+    return array
+
+
+def _radii(values: Any, count: int, of: str, where: str) -> Any:
+    radii = _floats(values, f"{where}: radii")
     if radii.ndim != 0 and radii.shape != (count,):
         raise SceneError(
-            f"{where}: radii has shape {radii.shape}; must be ({count},), one for each center, or"
+            f"{where}: radii has shape {radii.shape}; must be ({count},), one for each {of}, or"
             " a single number"
         )
-    colors = None
-    if shape.colors is not None:
-        colors = _floats(shape.colors, f"{where}: colors")
-        with np.errstate(over="ignore"):  # the core names the one that became infinite
-            colors = colors.astype(np.float32, copy=False)
-        if colors.size == 0:
-            colors = colors.reshape(0, 3)
-        if colors.shape != (count, 3):
-            raise SceneError(f"{where}: colors has shape {colors.shape}; must be ({count}, 3)")
+    return radii
 
-    index, material_of = 0, None
-    if isinstance(shape.material, Material):
-        made = block("materials", shape.material.type, shape.material.params, where)
-        if made not in materials:
-            materials.append(made)
-        index = materials.index(made)
-    elif isinstance(shape.material, str):
-        if shape.material not in names:
-            raise SceneError(f"{where}: {unknown_name('material', shape.material, names)}")
-        index = names[shape.material]
-    else:
-        material_of = _indices(shape.material, count, names, where)
-    name = str(shape.name).encode(errors="backslashreplace").decode()  # of any file's name
-    return name, centers, radii, index, material_of, colors
+
+def _pixels(array: Any, what: str) -> Any:
+    """(H, W, C) of a type that the core takes."""
+    if array.ndim == 2:
+        array = array[:, :, None]
+    if array.ndim != 3 or array.shape[2] not in (1, 2, 3, 4) or array.size == 0:
+        raise SceneError(f"{what} has shape {array.shape}; must be (H, W), (H, W, 3) or (H, W, 4)")
+    if array.dtype == np.bool_:
+        array = array.astype(np.uint8) * 255
+    if array.dtype not in (np.uint8, np.uint16, np.float32):
+        if array.dtype.kind not in "iuf":
+            raise SceneError(f"{what} is {array.dtype}; must be numbers")
+        if array.dtype.kind in "iu":
+            raise SceneError(f"{what} is {array.dtype}; whole numbers must be uint8 or uint16")
+        array = array.astype(np.float32)
+    return np.ascontiguousarray(array)
+
+
+def _color(value: Any, where: str) -> tuple[float, float, float]:
+    """Three numbers that are not negative."""
+    array = np.asarray(value, dtype=object)
+    try:
+        floats = [float(x) for x in array.ravel()]
+    except (TypeError, ValueError):
+        floats = []
+    if len(floats) == 1 and array.ndim == 0:
+        floats = floats * 3
+    if len(floats) != 3 or not all(0 <= x <= 1e12 for x in floats):
+        raise SceneError(f"{where} is {value!r}; must be three numbers in [0, 1e12]")
+    return floats[0], floats[1], floats[2]
+
+
+def _flag(value: Any, where: str) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise SceneError(f"{where}: {value!r} must be True or False")
+    return bool(value)
 
 
 def _floats(values: Any, what: str) -> Any:

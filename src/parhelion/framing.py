@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .errors import SceneError
-from .scene import Camera, Framing, Scene, Vec3
+from .scene import (
+    Camera,
+    Curves,
+    Cylinders,
+    Disks,
+    Framing,
+    Mesh,
+    Scene,
+    Shape,
+    Spheres,
+    Vec3,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -55,13 +66,44 @@ def placed(scene: Scene, aspect: float) -> Camera:
 
 
 def subject(scene: Scene) -> Iterator[tuple[Array, Array]]:
-    """Centres (N, 3) and radii, (N,) or one, of the shapes that the scene is about."""
+    """Centres (N, 3) and radii, (N,) or one, that hold the shapes that the scene is about."""
     names = scene.camera.shapes if isinstance(scene.camera, Framing) else ()
     for shape in scene.shapes:
-        centers = np.asarray(shape.centers)
-        if centers.size and (not names or shape.name in names):
-            # unsigned integers would wrap around below 0
-            yield centers, np.asarray(shape.radii, dtype=np.float64)
+        if not names or shape.name in names:
+            for centers, radii in hull(shape):
+                if centers.size:
+                    yield centers, radii
+
+
+def hull(shape: Shape) -> Iterator[tuple[Array, Array]]:
+    """Spheres that hold a shape: centres (N, 3) and radii, (N,) or one."""
+    # unsigned integers would wrap around below 0
+    if isinstance(shape, Spheres):
+        yield np.asarray(shape.centers), np.asarray(shape.radii, dtype=np.float64)
+    elif isinstance(shape, Mesh):
+        yield np.asarray(shape.vertices, dtype=np.float64), np.float64(0.0)
+    elif isinstance(shape, Disks):
+        u, v = (np.asarray(a, dtype=np.float64) for a in (shape.axis_u, shape.axis_v))
+        size = np.maximum(np.linalg.norm(u, axis=-1), np.linalg.norm(v, axis=-1))
+        yield np.asarray(shape.centers, dtype=np.float64), size
+    elif isinstance(shape, Cylinders):
+        for ends in (shape.starts, shape.ends):
+            yield np.asarray(ends, dtype=np.float64), np.asarray(shape.radii, dtype=np.float64)
+    elif isinstance(shape, Curves):
+        yield np.asarray(shape.points, dtype=np.float64), np.asarray(shape.radii, np.float64)
+    else:
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for part in shape.shapes:
+            for centers, radii in hull(part):
+                low = np.minimum(low, np.min(centers - radii[..., None], axis=0, initial=np.inf))
+                high = np.maximum(high, np.max(centers + radii[..., None], axis=0, initial=-np.inf))
+        if np.all(np.isfinite(high - low)):
+            corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+            matrices = np.asarray(shape.transforms, dtype=np.float64)[:, :3]
+            placed_corners = (
+                corners @ matrices[:, :, :3].transpose(0, 2, 1) + matrices[:, None, :, 3]
+            )
+            yield placed_corners.reshape(-1, 3), np.float64(0.0)
 
 
 def bounds(scene: Scene) -> tuple[Array, Array]:

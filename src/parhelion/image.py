@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .atomic import is_special, replacing
-from .errors import ResourceError, SceneError, unknown_name
+from .errors import FormatError, ResourceError, SceneError, unknown_name
 from .scene import Camera, Settings
 
 if TYPE_CHECKING:
@@ -25,6 +25,28 @@ if TYPE_CHECKING:
 
 # ending -> bits a channel that it can hold, its default first
 WRITABLE = {".png": (8, 16), ".jpg": (8,), ".jpeg": (8,), ".exr": (32, 16)}
+
+# What the channels of a feature are called in an EXR file, "depth.Z" and so on, the names by which
+# compositing programs know what they hold. Those of PRECISE are always stored in 32 bits.
+CHANNELS = {
+    "depth": "Z",
+    "position": "XYZ",
+    "normal": "XYZ",
+    "shading_normal": "XYZ",
+    "uv": "UV",
+    "albedo": "RGB",
+    "emission": "RGB",
+    "direct": "RGB",
+    "indirect": "RGB",
+    "coverage": "A",
+    "shape": "V",
+    "material": "V",
+}
+PRECISE = {"depth", "position", "uv", "shape", "material"}
+
+# Rows that the writer of EXR gets at a time: with features, a copy of a whole picture would be as
+# large as all else together.
+_ROWS = 64
 
 
 @dataclass(frozen=True)
@@ -46,6 +68,13 @@ class RenderStats:
 class Image:
     """pixels: (H, W, 3) float32, linear Rec. 709. counts: (H, W) samples in each pixel.
 
+    features: what the first surfaces look like, if they were asked for: (H, W, 1 to 3) float32 by
+    name, means over a pixel's samples: depth (distance from the camera), position, normal
+    (geometric), shading_normal and uv, over those that hit something; albedo, emission, direct and
+    indirect (parts of the radiance), coverage (share that hit something). shape and material, (H,
+    W), are indices into flat.shape_names and flat.material_names of the first sample's, -1 for
+    none.
+
     NumPy takes it for its pixels; a notebook shows it.
     """
 
@@ -55,6 +84,7 @@ class Image:
     settings: Settings
     camera: Camera
     flat: Flat
+    features: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def numpy(self) -> NDArray[np.float32]:
         """The linear pixels, (H, W, 3) float32."""
@@ -81,6 +111,10 @@ class Image:
         """What is written into a file beside the pixels."""
         from . import __version__
 
+        names: dict[str, str] = {}
+        if self.features:
+            names["parhelion:shapes"] = json.dumps(self.flat.shape_names)
+            names["parhelion:materials"] = json.dumps(self.flat.material_names)
         return {
             "Software": f"Parhelion {__version__}",
             "parhelion:version": __version__,
@@ -95,13 +129,15 @@ class Image:
             "parhelion:seconds": f"{self.stats.seconds:.3f}",
             "parhelion:threads": str(self.stats.threads),
             "parhelion:isa": self.stats.isa,
+            **names,
         }
 
     def save(self, path: str | os.PathLike[str], bits: int | None = None) -> None:
         """Writes the picture; the ending of the name says how.
 
-        .png (bits 8 or 16) and .jpg are sRGB; .exr is linear (bits 32 or 16). A file that is there
-        already stays whole until the new one is complete.
+        .png (bits 8 or 16) and .jpg are sRGB; .exr is linear (bits 32 or 16) and holds the
+        features, if there are any, as layers. A file that is there already stays whole until the
+        new one is complete.
 
         Raises SceneError for an unknown ending or number of bits, ResourceError where the file
         cannot be written.
@@ -112,13 +148,12 @@ class Image:
         depth = bits or WRITABLE[ending][0]
         data: NDArray[Any]
         if ending == ".exr":
-            data = self.pixels
-            if depth == 16:  # brighter than its largest number would become infinite
-                data = np.minimum(data, np.finfo(np.float16).max).astype(np.float16)
+            data = _half(self.pixels) if depth == 16 else self.pixels
         else:
             data = self.srgb(depth)
+        layers = self.features if ending == ".exr" else {}
         with replacing(file) as temporary:
-            temporary.write_bytes(encoded(data, self.metadata(), ending))
+            temporary.write_bytes(encoded(data, self.metadata(), ending, layers))
 
     def png_bytes(self) -> bytes:
         """The picture as the bytes of an 8-bit sRGB PNG file."""
@@ -141,7 +176,46 @@ def srgb_encoded(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     return x
 
 
-def check_output(path: str | os.PathLike[str], bits: int | None = None) -> None:
+def _half(data: NDArray[Any]) -> NDArray[np.float16]:
+    """In 16 bits; what is brighter than their largest number would become infinite."""
+    half: NDArray[np.float16] = np.minimum(data, np.finfo(np.float16).max).astype(np.float16)
+    return half
+
+
+def read_pixels(path: str | os.PathLike[str], where: str = "") -> NDArray[Any]:
+    """A picture file's pixels, (H, W, C) uint8, uint16 or float32, as they are stored.
+
+    C is 1, 3 or 4: grey, RGB, RGB and alpha, which is not multiplied into the colours. Raises
+    FormatError for a file that cannot be read; `where`, if any, begins its text.
+    """
+    import OpenImageIO as oiio
+
+    start = f"{where}: " if where else ""
+    hints = oiio.ImageSpec()
+    hints.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(os.fspath(path), hints)
+    if source is None:
+        reason = oiio.geterror() or "no such file"
+        raise FormatError(f"{start}{path}: cannot be read: {reason}")
+    try:
+        spec = source.spec()
+        kind = {"uint8": "uint8", "uint16": "uint16"}.get(str(spec.format), "float")
+        pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
+        if pixels is None:
+            raise FormatError(f"{start}{path}: cannot be read: {source.geterror()}")
+    finally:
+        source.close()
+    names = [n.upper() for n in spec.channelnames]  # the library reorders channels
+    for wanted in (("R", "G", "B", "A"), ("R", "G", "B"), ("Y", "A"), ("Y",)):
+        if all(n in names for n in wanted):
+            return np.ascontiguousarray(pixels[:, :, [names.index(n) for n in wanted]])
+    count = {1: 1, 2: 1, 3: 3}.get(spec.nchannels, 4)
+    return np.ascontiguousarray(pixels[:, :, :count])
+
+
+def check_output(
+    path: str | os.PathLike[str], bits: int | None = None, features: bool = False
+) -> None:
     """Raises what save() would for a name that cannot be written, before the work is done."""
     file = Path(path)
     ending = file.suffix.lower()
@@ -150,6 +224,8 @@ def check_output(path: str | os.PathLike[str], bits: int | None = None) -> None:
     if bits is not None and bits not in WRITABLE[ending]:
         choices = ", ".join(map(str, WRITABLE[ending]))
         raise SceneError(f"{file}: {ending} cannot hold {bits} bits a channel (choices: {choices})")
+    if features and ending != ".exr":
+        raise SceneError(f"{file}: {ending} cannot hold features (choices: .exr)")
     try:
         target = Path(os.path.realpath(file))
         if target.is_dir():
@@ -166,8 +242,16 @@ def check_output(path: str | os.PathLike[str], bits: int | None = None) -> None:
         raise ResourceError(f"{file}: no permission to write {needed}")
 
 
-def encoded(data: NDArray[Any], metadata: dict[str, str], ending: str) -> bytes:
+def encoded(
+    data: NDArray[Any],
+    metadata: dict[str, str],
+    ending: str,
+    layers: Mapping[str, NDArray[Any]] | None = None,
+) -> bytes:
     """Pixels, (H, W, channels), as the bytes of a file with that ending.
+
+    layers: features by name, for .exr, in as many bits as the pixels or, where that would tell too
+    little, in 32.
 
     The library writes into memory, for where there is no room some of its writers report success
     and one ends the process.
@@ -176,7 +260,22 @@ def encoded(data: NDArray[Any], metadata: dict[str, str], ending: str) -> bytes:
 
     height, width, channels = data.shape
     names = {"float32": "float", "float16": "half"}
-    spec = oiio.ImageSpec(width, height, channels, names.get(str(data.dtype), str(data.dtype)))
+    kind = names.get(str(data.dtype), str(data.dtype))
+    parts = {
+        name: values.reshape(height, width, -1)
+        for name, values in (layers or {}).items()
+        if name in CHANNELS
+    }
+    spec = oiio.ImageSpec(width, height, channels, kind)
+    if parts:
+        kinds = [kind] * channels
+        listed = list(spec.channelnames)
+        for name, values in parts.items():
+            kinds += ["float" if name in PRECISE else kind] * values.shape[2]
+            listed += [f"{name}.{letter}" for letter in CHANNELS[name]]
+        spec.nchannels = len(kinds)
+        spec.channelnames = tuple(listed)
+        spec.channelformats = tuple(oiio.TypeDesc(k) for k in kinds)
     for key, value in metadata.items():
         spec.attribute(key, value)
     # JPEG keeps only what it knows, so everything is also told in the description
@@ -191,12 +290,38 @@ def encoded(data: NDArray[Any], metadata: dict[str, str], ending: str) -> bytes:
     output = oiio.ImageOutput.create(f"image{ending}")
     if output is None:
         raise ResourceError(oiio.geterror() or f"no writer for {ending}")
-    with _memory_file(largest_file(data, metadata)) as path:
-        ok = output.open(path, spec) and output.write_image(np.ascontiguousarray(data))
+    size = largest_file(data, metadata) + sum(2 * 4 * v.size for v in parts.values())
+    with _memory_file(size) as path:
+        ok = output.open(path, spec)
+        if ok and parts:
+            ok = all(
+                output.write_scanlines(row, min(row + _ROWS, height), 0, _stacked(data, parts, row))
+                for row in range(0, height, _ROWS)
+            )
+        elif ok:
+            ok = output.write_image(np.ascontiguousarray(data))
         reason = output.geterror()
         if not (output.close() and ok):
             raise ResourceError(reason or output.geterror() or f"the writer of {ending} failed")
         return Path(path).read_bytes()
+
+
+def _stacked(
+    data: NDArray[Any], parts: Mapping[str, NDArray[Any]], row: int
+) -> NDArray[np.float32]:
+    """Some rows, from `row`, of all channels; the writer rounds those of 16 bits."""
+    rows = slice(row, row + _ROWS)
+    half = data.dtype == np.float16
+    return np.concatenate(
+        [
+            data[rows].astype(np.float32),
+            *(
+                (_half(v[rows]) if half and name not in PRECISE else v[rows]).astype(np.float32)
+                for name, v in parts.items()
+            ),
+        ],
+        axis=2,
+    )
 
 
 def largest_file(data: NDArray[Any], metadata: dict[str, str]) -> int:

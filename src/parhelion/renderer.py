@@ -26,8 +26,10 @@ PASS_SECONDS = 0.25
 
 # Bytes a pixel: the film's sums, and the arrays that are made of them while they are still there.
 PIXEL_BYTES = 56 + 20
+FEATURE_BYTES = 352 + 124
 
 LARGEST_SIDE = 65536
+INTEGRATORS = ("path", "direct", "ao")
 SCHEDULES = ("dynamic", "static", "guided")
 
 
@@ -51,7 +53,7 @@ def prepare(scene: Scene) -> Prepared:
     start = time.perf_counter()
     flat = flatten(scene)
     try:
-        core = _core.Scene(flat.groups, flat.materials, flat.background)
+        core = _core.Scene(flat.parts)
     except MemoryError as error:
         raise ResourceError("not enough memory for the scene's tree") from error
     seconds = time.perf_counter() - start
@@ -65,6 +67,7 @@ def render(
     camera: Camera | Framing | None = None,
     threads: int = 0,
     progress: ProgressCallback | bool | None = None,
+    features: bool = False,
     tree: str = "bvh",
     schedule: str = "dynamic",
     tile: int = 16,
@@ -79,6 +82,8 @@ def render(
 
     threads: 0 takes every core. progress: True shows a bar on stderr; a function is called with a
     Progress some times a second, and what it returns, if true, stops the rendering.
+
+    features: also depth, position, normals, albedo and so on; see Image.features.
 
     The picture does not depend on these: threads; schedule, how OpenMP hands out tiles ("dynamic",
     "static", "guided"); tile, their edge in pixels; isa, the instruction set ("" for the best);
@@ -106,9 +111,9 @@ def render(
     tile = _whole("tile", tile, 1, LARGEST_SIDE)
     view = make_view(prepared, view_camera, wanted, tree=tree == "bvh")
     x, y, width, height = wanted.crop or (0, 0, wanted.width, wanted.height)
-    _check_memory(width, height)
+    _check_memory(width, height, PIXEL_BYTES + (FEATURE_BYTES if features else 0))
     try:
-        film = _core.Film(x, y, width, height)
+        film = _core.Film(x, y, width, height, features)
         if progress is True:
             from .progress import bar
 
@@ -118,11 +123,15 @@ def render(
             callback = progress if callable(progress) else None
             stats = _passes(film, prepared, view, wanted, count, callback, schedule, tile, isa)
         pixels, counts, bad = film.arrays()
+        seen_features = film.features(1.0 / prepared.core.stats()["scale"]) if features else {}
+        if features:
+            parts = seen_features["emission"] + seen_features["direct"]
+            seen_features["indirect"] = np.maximum(pixels - parts, 0.0)
     except MemoryError as error:
         raise ResourceError(f"not enough memory for a picture of {width}x{height}") from error
     if bad.any():
         _report_bad(prepared, view, wanted, counts, bad)
-    return Image(pixels, counts, stats, wanted, view_camera, prepared.flat)
+    return Image(pixels, counts, stats, wanted, view_camera, prepared.flat, seen_features)
 
 
 def merged(base: Settings, changes: dict[str, Any]) -> Settings:
@@ -157,7 +166,10 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
         filter=tables.entry("filters", s.filter).name,
         filter_radius=_length("filter_radius", s.filter_radius),
         roulette=bool(s.roulette),
+        ao_distance=_length("ao_distance", s.ao_distance),
     )
+    if s.integrator not in INTEGRATORS:
+        raise SceneError(unknown_name("integrator", s.integrator, INTEGRATORS))
     if s.crop is not None:
         try:
             x, y, w, h = (_whole("crop", v, 0, LARGEST_SIDE) for v in s.crop)
@@ -182,20 +194,25 @@ def make_view(prepared: Prepared, camera: Camera, settings: Settings, tree: bool
     if camera.fov is not None and camera.vfov is not None:
         raise SceneError("camera: give fov or vfov, not both")
     fov, vfov = camera.fov, camera.vfov
-    if fov is None and vfov is None:
-        vfov = 40.0
+    widest = 360 if camera.projection == "fisheye" else 180
     for name, angle in (("fov", fov), ("vfov", vfov)):
-        if angle is not None and not 0 < angle < 180:
-            raise SceneError(f"camera: {name} is {angle}; must lie between 0 and 180 degrees")
+        if angle is not None and not 0 < angle < widest + (widest == 360):
+            raise SceneError(f"camera: {name} is {angle}; must lie between 0 and {widest} degrees")
     return _core.make_view(
         prepared.core,
-        eye=camera.eye,
-        target=camera.target,
-        up=camera.up,
-        fov=fov or 0.0,
-        vfov=vfov or 0.0,
-        aperture_radius=camera.aperture_radius,
-        focus_distance=camera.focus_distance or 0.0,
+        camera={
+            "projection": camera.projection,
+            "eye": camera.eye,
+            "target": camera.target,
+            "up": camera.up,
+            "fov": fov or 0.0,
+            "vfov": vfov or 0.0,
+            "aperture_radius": camera.aperture_radius,
+            "focus_distance": camera.focus_distance or 0.0,
+            "height": camera.height or 0.0,
+            "shift": camera.shift,
+            "mirrored": camera.mirrored,
+        },
         width=settings.width,
         height=settings.height,
         filter=settings.filter,
@@ -205,6 +222,8 @@ def make_view(prepared: Prepared, camera: Camera, settings: Settings, tree: bool
         max_depth=settings.max_depth,
         roulette=settings.roulette,
         tree=tree,
+        integrator=settings.integrator,
+        ao_distance=settings.ao_distance or 0.0,
     )
 
 
@@ -224,12 +243,16 @@ def _plain(camera: Any) -> Camera:
         vfov=vfov,
         aperture_radius=_number("camera: aperture_radius", camera.aperture_radius),
         focus_distance=_length("camera: focus_distance", camera.focus_distance),
+        projection=camera.projection,
+        height=_length("camera: height", camera.height),
+        shift=_pair("camera: shift", camera.shift),
+        mirrored=bool(camera.mirrored),
     )
 
 
-def _check_memory(width: int, height: int) -> None:
+def _check_memory(width: int, height: int, pixel_bytes: int) -> None:
     """Raises ResourceError for a picture that would not fit; trying it could end the process."""
-    needed, free = width * height * PIXEL_BYTES, memory.available()
+    needed, free = width * height * pixel_bytes, memory.available()
     if free is not None and needed > free:
         raise ResourceError(
             f"not enough memory for a picture of {width}x{height}: it takes"
@@ -358,6 +381,16 @@ def _length(name: str, value: Any) -> float | None:
     if not number > 0:
         raise SceneError(f"{name} is {number}; must be > 0")
     return number
+
+
+def _pair(name: str, value: Any) -> tuple[float, float]:
+    try:
+        x, y = (_number(name, v) for v in value)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, SceneError):
+            raise
+        raise SceneError(f"{name} is {value!r}; must be two numbers") from error
+    return x, y
 
 
 def _point(name: str, value: Any) -> Vec3:

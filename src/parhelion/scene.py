@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os import PathLike
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -18,20 +19,26 @@ if TYPE_CHECKING:  # NumPy takes longer to import than all of this package
     from numpy.typing import ArrayLike
 
 Vec3 = tuple[float, float, float]
-Value = float | Sequence[float]
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole or thin-lens camera.
+    """A camera: perspective (pinhole or thin lens), orthographic, 360 degrees or fisheye.
 
     eye, target, up: position, the point looked at, and the direction that is up in the picture.
     fov: horizontal field of view in degrees, from the first to the last pixel *centre* of a row.
     vfov: vertical field of view in degrees, from edge to edge of the picture, as in most tools.
-        Give one of the two; with neither, vfov is 40.
-    aperture_radius: radius of the thin lens in scene units; 0 is a pinhole.
+        Give one of the two; with neither, vfov is 40. For "fisheye" vfov is the angle across the
+        picture's circle and may be up to 360; "equirectangular" sees everything and has none.
+    aperture_radius: radius of the thin lens in scene units; 0 is a pinhole. Perspective only.
     focus_distance: distance from the eye to the plane in focus, along the viewing direction;
         None focuses on the target.
+    projection: "perspective", "orthographic", "equirectangular" or "fisheye", the names of
+        core/cameras.def.
+    height: of what an orthographic camera sees, in scene units.
+    shift: (x, y) by which the picture's middle is moved, in picture widths and heights, to the
+        right and down; perspective and orthographic only.
+    mirrored: left and right exchanged.
     """
 
     eye: Vec3 = (0.0, 0.0, 5.0)
@@ -41,6 +48,10 @@ class Camera:
     vfov: float | None = None
     aperture_radius: float = 0.0
     focus_distance: float | None = None
+    projection: str = "perspective"
+    height: float | None = None
+    shift: tuple[float, float] = (0.0, 0.0)
+    mirrored: bool = False
 
 
 @dataclass(frozen=True)
@@ -62,16 +73,17 @@ class Framing:
 class _Entry:
     """A type's name and its parameters by name, as listed in one of the core's .def files.
 
-    Equal entries compare equal. Which names and ranges are allowed is the core's knowledge; see
-    `parhelion info --materials` or docs/scene.md.
+    Equal entries compare equal; arrays, which may be large, are equal if they are the same object.
+    Which names and ranges are allowed is the core's knowledge; see `parhelion info --materials` or
+    docs/scene.md.
     """
 
     __slots__ = ("params", "type")
 
     type: str
-    params: Mapping[str, Value]
+    params: Mapping[str, Any]
 
-    def __init__(self, type: str, **params: Value) -> None:
+    def __init__(self, type: str, **params: Any) -> None:
         object.__setattr__(self, "type", type)
         object.__setattr__(self, "params", MappingProxyType(dict(params)))
 
@@ -83,10 +95,7 @@ class _Entry:
         return f"{type(self).__name__}({self.type!r}{shown})"
 
     def _key(self) -> tuple[str, tuple[tuple[str, object], ...]]:
-        def plain(v: Any) -> object:
-            return tuple(float(x) for x in v) if hasattr(v, "__len__") else float(v)
-
-        return self.type, tuple(sorted((k, plain(v)) for k, v in self.params.items()))
+        return self.type, tuple(sorted((k, _comparable(v)) for k, v in self.params.items()))
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and self._key() == other._key()
@@ -98,19 +107,72 @@ class _Entry:
         return _rebuild, (type(self), self.type, dict(self.params))
 
 
-def _rebuild(cls: type[_Entry], name: str, params: dict[str, Value]) -> _Entry:
+def _rebuild(cls: type[_Entry], name: str, params: dict[str, Any]) -> _Entry:
     return cls(name, **params)
+
+
+def _comparable(value: Any) -> object:
+    if value is None or isinstance(value, (str, bool, _Entry)):
+        return value
+    if hasattr(value, "__len__"):
+        if len(value) > 16 or getattr(value, "ndim", 1) > 2:
+            return id(value)
+        return tuple(_comparable(x) for x in value)
+    return value if isinstance(value, PathLike) else float(value)
+
+
+class Texture(_Entry):
+    """A colour or a number that varies over a surface: `Texture("image", image="wood.jpg")`.
+
+    Besides the parameters of its type, as listed in core/textures.def:
+
+    image: the pixels of the types that have some: (H, W), (H, W, 3) or (H, W, 4) numbers, the first
+        row at the top (v = 1), or the path of a picture file. Integers count from 0 to the largest
+        of their type.
+    color_space: of the image: "srgb" is decoded, "linear" taken as it is; "auto", the default, is
+        srgb for the colours of 8-bit images and linear for all else.
+    transform: (2, 3) or (3, 3) matrix applied to a surface's (u, v, 1) before the lookup.
+    channel: "rgb" (default), "luminance", "r", "g", "b" or "a": what to take where the parameter is
+        a number; a number from "rgb" is the luminance.
+    """
 
 
 class Material(_Entry):
     """How a surface scatters or emits light: `Material("metal", color=(0.9, 0.6, 0.3), fuzz=0.1)`.
 
-    The first parameter of every type is its colour, and a primitive's own colour replaces it.
+    Each parameter is a number, a colour or a Texture. The first parameter of every type is its
+    colour, and a primitive's own colour replaces it. Besides the parameters of its type, as listed
+    in core/materials.def, every material takes:
+
+    emission: radiance that its front gives off, linear RGB or a Texture. two_sided_emission: its
+        back does too.
+    opacity: 1 where there is a surface, 0 where there is a hole; light passes in proportion.
+    normal_map: a Texture of normals in tangent space, 0.5 being 0; the red axis along u, the green
+        along v. bump_map: a Texture of heights in scene units.
+    two_sided: both sides look as the front does; the default. False makes the back black, where the
+        material lets no light through. back: the Material of the back.
+    priority: a whole number from 1; of glass bodies that overlap, the one of the highest counts.
+        0 is outside of that order: its `ior` is that of the inside over whatever is outside.
+    absorption: light lost inside the body, 1 / scene unit, RGB.
+
+    Material("blend", a=..., b=..., weight=...) is b in the share `weight`, else a.
     """
 
 
-class Background(_Entry):
-    """The light from outside the scene: `Background("gradient", zenith=(0.5, 0.7, 1.0))`."""
+class Light(_Entry):
+    """A light that is no shape: `Light("point", position=(0, 5, 0), intensity=(10, 10, 10))`.
+
+    Besides the parameters of its type, as listed in core/lights.def, it takes
+
+    image: of the types that have one: (H, W, 3) linear radiance or the path of a picture file.
+    color_space: of that image, as in Texture.
+    transform: (3, 3) or (4, 4) matrix, a rotation and a translation, from the light's own frame to
+        the scene.
+    """
+
+
+class Background(Light):
+    """A light from outside the scene: `Background("gradient", zenith=(0.5, 0.7, 1.0))`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +183,9 @@ class Spheres:
     material: the name of a material of the scene, a Material, or (N,) names or integers, which
         index the scene's materials in their order.
     colors: (N, 3) linear RGB that replaces the material's own colour, or None.
+    rotation: (3, 3) from each sphere's own frame to the scene, for textures. A sphere's u is its
+        longitude, 0 at its x axis, over 360 degrees; v goes from 0 at its -z pole to 1 at +z.
+    inside_out: normals point inwards.
     """
 
     centers: ArrayLike
@@ -128,9 +193,105 @@ class Spheres:
     material: str | Material | ArrayLike = field(default_factory=lambda: Material("diffuse"))
     colors: ArrayLike | None = None
     name: str = "spheres"
+    rotation: ArrayLike | None = None
+    inside_out: bool = False
 
 
-Shape = Spheres
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles over shared vertices.
+
+    vertices: (V, 3). faces: (F, 3) indices of vertices; counter-clockwise seen from the front.
+    normals: (V, 3) shading normals, of any length, or None for flat faces. uvs: (V, 2) or None.
+    material: as in Spheres; (F,) names or integers give each face its own.
+    colors: (F, 3) linear RGB a face that replaces the material's own colour, or None.
+    attributes: named arrays for Texture("attribute", name=...), (V,), (V, 3), (F,) or (F, 3); the
+        name's ending says of what: "vertex_..." or "face_...".
+    inside_out: normals point the other way.
+    """
+
+    vertices: ArrayLike
+    faces: ArrayLike
+    normals: ArrayLike | None = None
+    uvs: ArrayLike | None = None
+    material: str | Material | ArrayLike = field(default_factory=lambda: Material("diffuse"))
+    colors: ArrayLike | None = None
+    attributes: Mapping[str, ArrayLike] = field(default_factory=dict)
+    name: str = "mesh"
+    inside_out: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Disks:
+    """N flat disks, or ellipses: centre + a * axis_u + b * axis_v with a^2 + b^2 <= 1.
+
+    centers, axis_u, axis_v: (N, 3); the axes perpendicular to each other. The front is where
+    axis_u x axis_v points. u is the distance from the centre, 0 to 1, v the angle over 360 degrees.
+    """
+
+    centers: ArrayLike
+    axis_u: ArrayLike
+    axis_v: ArrayLike
+    material: str | Material | ArrayLike = field(default_factory=lambda: Material("diffuse"))
+    colors: ArrayLike | None = None
+    name: str = "disks"
+    inside_out: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinders:
+    """N round tubes without caps.
+
+    starts, ends: (N, 3) of the axes. radii: (N,), or one number for all. axis_u: (N, 3) direction
+    in which u, the angle over 360 degrees, is 0, or None for any; v goes from start to end.
+    """
+
+    starts: ArrayLike
+    ends: ArrayLike
+    radii: ArrayLike = 1.0
+    axis_u: ArrayLike | None = None
+    material: str | Material | ArrayLike = field(default_factory=lambda: Material("diffuse"))
+    colors: ArrayLike | None = None
+    name: str = "cylinders"
+    inside_out: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Strands such as hair or fibres, each a chain of segments of varying thickness.
+
+    points: (P, 3) control points of all strands, one strand after the other. radii: (P,) or one
+    number for all. counts: (S,) control points of each strand; None is a single strand.
+    basis: "linear", "bezier" (3 k + 1 points a strand) or "bspline" (uniform cubic, at least 4).
+    style: "round", tubes with round ends, or "flat", ribbons that face the ray.
+    material: as in Spheres; arrays have one element a segment.
+    """
+
+    points: ArrayLike
+    radii: ArrayLike = 0.01
+    counts: ArrayLike | None = None
+    basis: str = "bspline"
+    style: str = "round"
+    material: str | Material | ArrayLike = field(default_factory=lambda: Material("diffuse"))
+    colors: ArrayLike | None = None
+    name: str = "curves"
+
+
+@dataclass(frozen=True, eq=False)
+class Instances:
+    """Copies of a group of shapes, which is kept once.
+
+    shapes: what is copied; none of them Instances. transforms: (N, 3, 4) or (N, 4, 4) matrices from
+    the group's frame to the scene; any affine ones that can be inverted.
+    """
+
+    shapes: Sequence[Spheres | Mesh | Disks | Cylinders | Curves]
+    transforms: ArrayLike
+    name: str = "instances"
+
+
+Solid = Spheres | Mesh | Disks | Cylinders | Curves
+Shape = Solid | Instances
 
 
 @dataclass(frozen=True)
@@ -141,6 +302,9 @@ class Settings:
     path, the camera's own included. seed: of all random numbers. sampler, filter: by name;
     filter_radius in pixels, None for the filter's own. roulette: end dim paths early, without
     bias. crop: (x, y, width, height) of the part to render, from the top left; None for all.
+    integrator: "path" (all light), "direct" (light that was scattered once at most), or "ao" (how
+    much of the surroundings within ao_distance, in scene units, None for any, is open; white is
+    all).
     """
 
     width: int = 640
@@ -153,23 +317,28 @@ class Settings:
     filter_radius: float | None = None
     roulette: bool = True
     crop: tuple[int, int, int, int] | None = None
+    integrator: str = "path"
+    ao_distance: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Everything there is to see, and the camera that sees it.
 
-    shapes: any number of Spheres. materials: named ones, for shapes to refer to.
-    camera: None is Framing(), all shapes from the front. settings: defaults for render().
+    shapes: Spheres, Mesh, Disks, Cylinders, Curves and Instances, any number of each.
+    materials: named ones, for shapes to refer to. camera: None is Framing(), all shapes from the
+    front. background: the light from outside, None for darkness. lights: further ones; emissive
+    materials need no mention here. settings: defaults for render().
     name: what the scene calls itself; error texts and metadata use it.
     """
 
     shapes: Sequence[Shape] = ()
     materials: Mapping[str, Material] = field(default_factory=dict)
     camera: Camera | Framing | None = None
-    background: Background = field(default_factory=lambda: Background("gradient"))
+    background: Light | None = field(default_factory=lambda: Background("gradient"))
     settings: Settings = field(default_factory=Settings)
     name: str = "scene"
+    lights: Sequence[Light] = ()
 
     def replace(self, **changes: Any) -> Scene:
         """A copy with some fields changed, as dataclasses.replace."""

@@ -1,4 +1,4 @@
-"""What the core can do, by name: its materials, backgrounds, samplers and filters.
+"""What the core can do, by name: its materials, textures, lights, samplers and filters.
 
 The lists are written once, in the core's .def files; everything here is read from there.
 """
@@ -21,6 +21,8 @@ LARGEST = 3.4028234e38
 # kind of table -> what error texts call one of its entries
 _NOUNS = {
     "materials": "material type",
+    "textures": "texture type",
+    "lights": "light type",
     "backgrounds": "background type",
     "samplers": "sampler",
     "filters": "filter",
@@ -37,6 +39,7 @@ class Param:
     low: float
     high: float
     doc: str
+    choices: tuple[str, ...] = ()  # words that stand for 0, 1, ...
 
     def range(self) -> str:
         """The allowed values in words: "must lie in [0, 1]", "must be >= 0" or "must be finite"."""
@@ -49,20 +52,32 @@ class Param:
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of a .def file. radius: a filter's own, in pixels; None for everything else."""
+    """One line of a .def file.
+
+    radius: a filter's own, in pixels; None for everything else. image: a texture or light that has
+    an image. outside: a light from infinitely far away. transmits: a material that lets light
+    through.
+    """
 
     name: str
     doc: str
     params: tuple[Param, ...] = ()
     radius: float | None = None
+    image: bool = False
+    outside: bool = False
+    transmits: bool = False
 
 
 @cache
 def tables() -> Mapping[str, Mapping[str, Entry]]:
-    """All entries by kind ("materials", "backgrounds", "samplers", "filters"), then by name."""
+    """All entries by kind ("materials", "textures", "lights", "samplers", "filters"), then by name.
+
+    "backgrounds" are the lights from outside.
+    """
     from . import _core
 
     listed = _core.tables()
+    listed["backgrounds"] = [row for row in listed["lights"] if row["outside"]]
     return {kind: {row["name"]: _entry(row) for row in listed[kind]} for kind in _NOUNS}
 
 
@@ -73,6 +88,9 @@ def _entry(row: Mapping[str, Any]) -> Entry:
         doc=row["doc"],
         params=tuple(_param(p) for p in row.get("params", ())),
         radius=None if radius is None else _decimal(radius),
+        image=row.get("image", False),
+        outside=row.get("outside", False),
+        transmits=row.get("transmits", False),
     )
 
 
@@ -85,6 +103,7 @@ def _param(row: Mapping[str, Any]) -> Param:
         low=_decimal(row["low"]),
         high=_decimal(row["high"]),
         doc=row["doc"],
+        choices=tuple(filter(None, row["choices"].split("|"))),
     )
 
 
@@ -130,6 +149,10 @@ def check(
 
 def _values(param: Param, value: Any, where: str) -> tuple[float, ...]:
     what = f"{where}: parameter {param.name!r}"
+    if param.choices:
+        if not isinstance(value, str) or value not in param.choices:
+            raise SceneError(f"{where}: {unknown_name(param.name, value, param.choices)}")
+        return (float(param.choices.index(value)),)
     if hasattr(value, "tolist"):  # NumPy arrays and scalars
         value = value.tolist()
     if param.size == 1:

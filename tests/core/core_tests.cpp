@@ -12,20 +12,11 @@
 #include "../../host/render.h"
 #include "../../host/scene.h"
 #include "../../host/view.h"
+#include "check.h"
 
 namespace {
 
 using namespace parhelion;
-
-int failures = 0;
-
-#define CHECK(condition)                                                  \
-  do {                                                                    \
-    if (!(condition)) {                                                   \
-      std::printf("%s:%d: failed: %s\n", __FILE__, __LINE__, #condition); \
-      ++failures;                                                         \
-    }                                                                     \
-  } while (0)
 
 template <class F>
 std::string message_of(F f) {
@@ -44,11 +35,38 @@ ParamBlock block(MaterialKind kind, std::vector<float> values) {
   return b;
 }
 
-ParamBlock white_sky() {
-  ParamBlock b{};
-  b.kind = static_cast<u32>(LightKind::constant);
-  b.value[0] = b.value[1] = b.value[2] = 1.0f;
-  return b;
+LightInput light(LightKind kind, std::vector<float> values) {
+  LightInput l{};
+  l.record.block.kind = static_cast<u32>(kind);
+  for (size_t i = 0; i < values.size(); ++i) l.record.block.value[i] = values[i];
+  for (int k = 0; k < 3; ++k) l.record.to_world[4 * k] = 1.0f;
+  return l;
+}
+
+constexpr TextureBinding kNoBinding = {kNone, 0, 0, 0};
+
+MaterialRecord material(const ParamBlock& b, u32 own) {
+  MaterialRecord m{};
+  m.block = b;
+  m.opacity = 1.0f;
+  m.emission_texture = m.normal_map = m.bump_map = m.blend_first = m.blend_second = kNone;
+  m.opacity_texture = m.blend_texture = kNoBinding;
+  m.back = own;
+  m.bump_scale = 1.0f;
+  return m;
+}
+
+// A scene of shapes, and groups for instances before them, under a white sky.
+SceneInput input_of(const GroupInput& shapes, const std::vector<ParamBlock>& blocks,
+                    std::vector<GroupInput> groups = {}) {
+  SceneInput input;
+  input.groups = std::move(groups);
+  input.groups.push_back(shapes);
+  for (const ParamBlock& b : blocks) {
+    input.materials.push_back(material(b, static_cast<u32>(input.materials.size())));
+  }
+  input.lights = {light(LightKind::constant, {1.0f, 1.0f, 1.0f})};
+  return input;
 }
 
 // Spheres at random in a cube, of every material, one of them shining, over a ground.
@@ -72,15 +90,14 @@ struct Cloud {
     material.push_back(0);
   }
 
-  SphereGroup group() const {
-    SphereGroup g;
-    g.name = "cloud";
-    g.count = radii.size();
-    g.centers = centers.data();
-    g.centers_double = g.radii_double = true;
-    g.radii = radii.data();
-    g.material_of = material.data();
-    return g;
+  ShapeInput group() const {
+    ShapeInput s;
+    s.name = "cloud";
+    s.count = radii.size();
+    s.arrays = {{"centers", centers.data(), true, false, 3},
+                {"radii", radii.data(), true, false, 1}};
+    s.material_of = material.data();
+    return s;
   }
 
   static std::vector<ParamBlock> materials() {
@@ -92,14 +109,18 @@ struct Cloud {
 };
 
 RenderView make_view(const Scene& scene, u32 width, u32 height, SamplerKind sampler) {
-  const CameraInput camera = {{2.0, 1.2, 2.5}, {0.5, 0.4, 0.5}, {0, 1, 0}, 0.0, 40.0, 0.02, 0.0};
+  CameraInput camera{};
+  camera = {{2.0, 1.2, 2.5}, {0.5, 0.4, 0.5}, {0, 1, 0}, 0.0, 40.0, 0.02, 0.0};
+  camera.projection = "perspective";
   return {make_camera(camera, width, height, scene.scale(), scene.view().bounds),
           make_filter("blackman-harris", 0.0),
           sampler,
           7,
           12,
           true,
-          true};
+          true,
+          Integrator::path,
+          kInfinity};
 }
 
 bool same(const Film& a, const Film& b) {
@@ -110,16 +131,16 @@ const Tick kNever = [](u64, u64) { return false; };
 
 void pictures_do_not_depend_on_how_they_are_made() {
   const Cloud cloud(6000);
-  const Scene scene({cloud.group()}, Cloud::materials(), white_sky());
-  CHECK(scene.emitter_count() == 1500);
+  const Scene scene(input_of({cloud.group()}, Cloud::materials()));
+  CHECK(scene.light_count() == 1500);
   for (SamplerKind sampler : {SamplerKind::sobol, SamplerKind::independent}) {
     const RenderView view = make_view(scene, 40, 24, sampler);
-    Film reference(0, 0, 40, 24);
+    Film reference(0, 0, 40, 24, false);
     render_pass(kernels("baseline"), scene, view, reference, 0, 4, {1, 16, Schedule::dynamic_},
                 kNever);
     for (const std::string& isa : instruction_sets()) {
       for (Schedule schedule : {Schedule::dynamic_, Schedule::static_, Schedule::guided}) {
-        Film film(0, 0, 40, 24);
+        Film film(0, 0, 40, 24, false);
         render_pass(kernels(isa), scene, view, film, 2, 4, {3, 7, schedule}, kNever);
         const PassResult r =
             render_pass(kernels(isa), scene, view, film, 0, 2, {2, 16, schedule}, kNever);
@@ -129,10 +150,10 @@ void pictures_do_not_depend_on_how_they_are_made() {
     }
     RenderView brute = view;
     brute.tree = false;
-    Film film(0, 0, 40, 24);
+    Film film(0, 0, 40, 24, false);
     render_pass(kernels(), scene, brute, film, 0, 4, {2, 16, Schedule::dynamic_}, kNever);
     CHECK(same(reference, film));
-    Film crop(10, 5, 9, 8);
+    Film crop(10, 5, 9, 8, false);
     render_pass(kernels(), scene, view, crop, 0, 4, {2, 4, Schedule::dynamic_}, kNever);
     for (u32 y = 0; y < 8; ++y) {
       CHECK(std::memcmp(&crop.pixels[y * 9], &reference.pixels[(y + 5) * 40 + 10],
@@ -144,7 +165,7 @@ void pictures_do_not_depend_on_how_they_are_made() {
 void rays_meet_the_same_through_the_tree_and_without() {
   for (size_t n : {0, 1, 15, 16, 17, 300, 20000}) {
     const Cloud cloud(n);
-    const Scene scene({cloud.group()}, Cloud::materials(), white_sky());
+    const Scene scene(input_of({cloud.group()}, Cloud::materials()));
     std::vector<Ray> rays;
     const float scale = static_cast<float>(scene.scale());
     for (u32 i = 0; i < 500; ++i) {
@@ -175,6 +196,66 @@ void rays_meet_the_same_through_the_tree_and_without() {
   }
 }
 
+// All kinds of shapes and lights, instances of a group that shines, holes, and features.
+void everything_at_once() {
+  const Cloud cloud(300);
+  const std::vector<double> corners = {0, 0, 0, 1, 0, 0, 1, 0, 1, 0, 0, 1};
+  const std::vector<u32> faces = {0, 1, 2, 0, 2, 3};
+  const std::vector<float> normals = {0, 1, 0, 0.1f, 1, 0, 0, 1, 0.1f, 0, 2, 0};
+  const std::vector<float> uvs = {0, 0, 1, 0, 1, 1, 0, 1};
+  ShapeInput mesh;
+  mesh.kind = ShapeKind::triangle;
+  mesh.name = "mesh";
+  mesh.count = 2;
+  mesh.vertex_count = 4;
+  mesh.faces = faces.data();
+  mesh.normals = normals.data();
+  mesh.uvs = uvs.data();
+  mesh.arrays = {{"vertices", corners.data(), true, false, 3}};
+  ShapeInput lamp = mesh;
+  lamp.name = "lamp";
+  lamp.material = 3;
+  const std::vector<double> disk = {0.5, 0.6, 0.5}, u = {0.2, 0, 0}, v = {0, 0, 0.3};
+  ShapeInput round;
+  round.kind = ShapeKind::disk;
+  round.name = "disk";
+  round.count = 1;
+  round.material = 3;
+  round.arrays = {{"centers", disk.data(), true, false, 3},
+                  {"axis_u", u.data(), true, false, 3},
+                  {"axis_v", v.data(), true, false, 3}};
+  const double matrices[] = {1,   0, 0, 0.1, 0, 0.5, 0,   0.8, 0, 0, 1,    0,
+                             0.3, 0, 0, 0.5, 0, 0.3, 0.1, 0.9, 0, 0, -0.3, 0.5};
+  ShapeInput copies;
+  copies.kind = ShapeKind::instance;
+  copies.name = "copies";
+  copies.count = 2;
+  copies.transforms = matrices;
+  SceneInput input =
+      input_of({cloud.group(), mesh, round, copies}, Cloud::materials(), {{lamp, cloud.group()}});
+  input.materials[0].opacity = 0.7f;
+  input.lights.push_back(light(LightKind::point, {1, 1, 1, 0.5f, 2, 0.5f}));
+  const Scene scene(std::move(input));
+  RenderView view = make_view(scene, 24, 16, SamplerKind::sobol);
+  Film reference(0, 0, 24, 16, true);
+  render_pass(kernels("baseline"), scene, view, reference, 0, 8, {1, 16, Schedule::dynamic_},
+              kNever);
+  u64 bad = 0;
+  for (const FilmPixel& p : reference.pixels) bad += p.bad;
+  CHECK(bad == 0);
+  for (const std::string& isa : instruction_sets()) {
+    Film film(0, 0, 24, 16, true);
+    render_pass(kernels(isa), scene, view, film, 0, 8, {3, 5, Schedule::dynamic_}, kNever);
+    CHECK(same(reference, film));
+    CHECK(std::memcmp(film.features.data(), reference.features.data(),
+                      film.features.size() * sizeof(FeaturePixel)) == 0);
+  }
+  view.tree = false;
+  Film film(0, 0, 24, 16, false);
+  render_pass(kernels(), scene, view, film, 0, 8, {2, 16, Schedule::dynamic_}, kNever);
+  CHECK(same(reference, film));
+}
+
 // Centres that coincide, and sizes over fourteen powers of ten: the tree's depth stays bounded.
 void hard_cases_build() {
   std::vector<double> centers, radii;
@@ -183,13 +264,11 @@ void hard_cases_build() {
     centers.insert(centers.end(), {x, 0.0, 0.0});
     radii.push_back(std::ldexp(1.0, -(i % 48)));
   }
-  SphereGroup g;
+  ShapeInput g;
   g.name = "hard";
   g.count = radii.size();
-  g.centers = centers.data();
-  g.radii = radii.data();
-  g.centers_double = g.radii_double = true;
-  const Scene scene({g}, Cloud::materials(), white_sky());
+  g.arrays = {{"centers", centers.data(), true, false, 3}, {"radii", radii.data(), true, false, 1}};
+  const Scene scene(input_of({g}, Cloud::materials()));
   const Ray ray = {{0.9f, 0.9f, 0.9f}, {-0.57735026f, -0.57735026f, -0.57735026f}, kNoSlot, false};
   const float limit = kInfinity;
   Hit tree, brute;
@@ -200,9 +279,9 @@ void hard_cases_build() {
 
 void a_pass_can_be_stopped() {
   const Cloud cloud(2000);
-  const Scene scene({cloud.group()}, Cloud::materials(), white_sky());
+  const Scene scene(input_of({cloud.group()}, Cloud::materials()));
   const RenderView view = make_view(scene, 200, 200, SamplerKind::sobol);
-  Film film(0, 0, 200, 200);
+  Film film(0, 0, 200, 200, false);
   int calls = 0;
   const PassResult r =
       render_pass(kernels(), scene, view, film, 0, 1000, {3, 4, Schedule::dynamic_},
@@ -229,7 +308,7 @@ void sums_are_exact_in_any_order() {
 
 void mistakes_are_named() {
   Cloud cloud(40);
-  const auto make = [&] { Scene({cloud.group()}, Cloud::materials(), white_sky()); };
+  const auto make = [&] { Scene(input_of({cloud.group()}, Cloud::materials())); };
   CHECK(message_of(make).empty());
   cloud.radii[17] = -1.0;
   CHECK(message_of(make).find("shape 'cloud': radii[17] is -1") == 0);
@@ -246,23 +325,27 @@ void mistakes_are_named() {
         std::string::npos);
   cloud.radii[3] = 1.0;
   std::vector<float> colors(3 * cloud.radii.size(), 0.5f);
-  SphereGroup group = cloud.group();
+  ShapeInput group = cloud.group();
   group.colors = colors.data();
   colors[3 * 4 + 1] = 255.0f;
   CHECK(message_of([&] {
-          Scene({group}, Cloud::materials(), white_sky());
+          Scene(input_of({group}, Cloud::materials()));
         }).find("colors[4] is 255 in g; the colour of diffuse must lie in [0, 1]") !=
         std::string::npos);
   CHECK(message_of([] { kernels("mmx"); }).find("baseline") != std::string::npos);
   CHECK(message_of([] { make_filter("boxy", 0.0); }).find("tent") != std::string::npos);
-  CameraInput camera = {{1, 2, 3}, {1, 2, 3}, {0, 1, 0}, 0.0, 40.0, 0.0, 0.0};
+  CameraInput camera{};
+  camera.eye[0] = camera.target[0] = 1.0;
+  camera.up[1] = 1.0;
+  camera.vfov = 40.0;
+  camera.projection = "perspective";
   CHECK(message_of([&] { make_camera(camera, 4, 4, 1.0, Box{}); }).find("same point") !=
         std::string::npos);
 }
 
 void probes_run() {
   const Cloud cloud(100);
-  const Scene scene({cloud.group()}, Cloud::materials(), white_sky());
+  const Scene scene(input_of({cloud.group()}, Cloud::materials()));
   const Kernels& k = kernels();
   for (const ParamBlock& m : Cloud::materials()) {
     std::vector<BsdfProbe> probes(64);
@@ -275,7 +358,7 @@ void probes_run() {
   std::vector<LightProbe> lights(64);
   k.light_sample(scene.view(), {0.0f, 0.9f, 0.0f}, 1, lights.size(), lights.data());
   for (const LightProbe& l : lights) CHECK(l.pdf > 0.0f);
-  const Scene empty({}, {}, white_sky());
+  const Scene empty(input_of({}, {}));
   const RenderView view = make_view(empty, 3, 3, SamplerKind::sobol);
   CHECK(k.radiance(empty.view(), view, 1, 1, 0).x == 1.0f);
 }
@@ -285,6 +368,7 @@ void probes_run() {
 int main() {
   pictures_do_not_depend_on_how_they_are_made();
   rays_meet_the_same_through_the_tree_and_without();
+  everything_at_once();
   hard_cases_build();
   a_pass_can_be_stopped();
   sums_are_exact_in_any_order();

@@ -13,7 +13,8 @@ are imported only when a file of theirs is loaded.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 
@@ -31,6 +32,7 @@ FORMATS: dict[str, str] = {
     ".gsd": "gsd_file",
     ".pdb": "chemfiles_file",
     ".gro": "chemfiles_file",
+    ".xml": "mitsuba",
 }
 
 # endings that may follow those of FORMATS
@@ -46,6 +48,9 @@ class LoadOptions:
     radius: one radius for all particles, "vdw" or "covalent"; None for the loader's choice.
     ground: a ground below the particles for shadows to fall on. frame: of a trajectory, from 0;
     negative counts from the end.
+    defines: values of a scene's own parameters by name (Mitsuba's `-D name=value`). strict: what a
+    scene asks for and is not supported is an error, not a warning. allow_paths: folders, besides
+    the scene file's own, that its files may lie in.
     """
 
     color_by: str | None = None
@@ -54,6 +59,9 @@ class LoadOptions:
     radius: float | str | None = None
     ground: bool = False
     frame: int = 0
+    defines: Mapping[str, str] = field(default_factory=dict)
+    strict: bool = False
+    allow_paths: tuple[str, ...] = ()
 
 
 def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Scene:

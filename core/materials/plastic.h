@@ -1,0 +1,121 @@
+// Matte paint under a clear coat, smooth or rough: plastic, varnished wood, glazed ceramics.
+//
+// What the coat lets in is scattered by the base, thrown back by the coat's inside any number of
+// times, and let out again: after Weidlich and Wilkie, "Arbitrarily Layered Micro-Facet Surfaces",
+// GRAPHITE 2007, and Mitsuba's (rough)plastic. `compensation` "on": what a rough coat does not
+// reflect at once goes into the base, and the mean reflected within follows from the mean outside
+// by reciprocity, 1 - inside = (1 - outside) / ior^2, so that nothing is lost. "off": single
+// bounces of the coat alone, as in Mitsuba.
+#pragma once
+#include "../bsdf.h"
+#include "../microfacet.h"
+#include "../warp.h"
+
+namespace parhelion::PH_ISA {
+
+struct Plastic {
+  Vec3 color, specular;
+  float ior, roughness, distribution, nonlinear, compensation;
+
+  static constexpr const char* doc = "matte base under a clear coat, smooth or rough";
+  static constexpr ParamInfo params[] = {
+      {"color", 3, {0.5f, 0.5f, 0.5f}, 0.0f, 1.0f, "share that the base reflects"},
+      {"specular", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "tint of the coat's reflection"},
+      {"ior", 1, {1.49f}, 1.0f, 10.0f, "index of refraction of the coat over its surroundings"},
+      {"roughness", 1, {0.0f}, 0.0f, 1.0f, "square root of the microfacets' alpha; 0 is smooth"},
+      {"distribution", 1, {0.0f}, 0.0f, 1.0f, "of the microfacets' normals", "ggx|beckmann"},
+      {"nonlinear",
+       1,
+       {0.0f},
+       0.0f,
+       1.0f,
+       "whether light within the coat takes on the base's colour again and again",
+       "off|on"},
+      {"compensation", 1, {0.0f}, 0.0f, 1.0f, "light that bounces between microfacets", "on|off"},
+  };
+};
+
+PH_INLINE bool is_delta(const Plastic&) { return false; }
+
+PH_INLINE Coat coat(const Plastic& m) {
+  return make_coat(microfacets(m.roughness, 0.0f, m.distribution), m.ior);
+}
+
+// Chance that a sample goes to the coat, given what it does with the light.
+PH_INLINE float coat_chance(const Plastic& m, CoatAlbedo of) {
+  const float through = m.compensation < 0.5f ? 1.0f - of.reflected : of.refracted;
+  const float a = (1.0f - through) * mean(m.specular), b = through * mean(m.color);
+  return a + b > 0.0f ? a / (a + b) : 1.0f;
+}
+
+struct PlasticValue {
+  Vec3 value;  // f |cos|, without a smooth coat's mirror image
+  float pdf;
+};
+
+// Both directions above the surface.
+PH_INLINE PlasticValue evaluate(const Plastic& m, const Coat& c, Vec3 wo, Vec3 wi) {
+  const CoatAlbedo o = coat_albedo(c, wo), i = coat_albedo(c, wi);
+  const float chance = coat_chance(m, o);
+  float through = (1.0f - o.reflected) * (1.0f - i.reflected);
+  float inside = 1.0f - (1.0f - coat_mean(c)) / (m.ior * m.ior);
+  if (!c.smooth && m.compensation > 0.5f) {
+    through = o.refracted * i.refracted;
+    inside = coat_mean_within(c);
+  }
+  const auto base = [&](float color) {
+    const float again = m.nonlinear < 0.5f ? inside : inside * color;
+    return color / (1.0f - again);
+  };
+  const float cosine = cosine_hemisphere_pdf(wi);
+  PlasticValue r = {Vec3{base(m.color.x), base(m.color.y), base(m.color.z)} *
+                        (through * cosine / (m.ior * m.ior)),
+                    (1.0f - chance) * cosine};
+  if (!c.smooth) {
+    const Reflection f = reflection(c.facets, wo, wi, false);
+    const float share = fresnel_dielectric(min(f.facing, 1.0f), m.ior).reflected;
+    r.value += m.specular * (share * f.value);
+    r.pdf += chance * f.pdf;
+  }
+  return r;
+}
+
+PH_INLINE PlasticValue evaluate(const Plastic& m, Vec3 wo, Vec3 wi) {
+  if (!(wo.z * wi.z > 0.0f)) return {{0, 0, 0}, 0.0f};
+  return evaluate(m, coat(m), {wo.x, wo.y, abs(wo.z)}, {wi.x, wi.y, abs(wi.z)});
+}
+
+PH_INLINE Vec3 eval(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
+PH_INLINE float pdf(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
+
+PH_INLINE bool sample(const Plastic& m, Vec3 wo, const Sampler& sampler, u32 draw,
+                      BsdfSample& out) {
+  const Coat c = coat(m);
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
+  const CoatAlbedo of = coat_albedo(c, above);
+  const float chance = coat_chance(m, of);
+  const Vec2 u = draw2(sampler, draw + kDrawDirection);
+  if (draw1(sampler, draw + kDrawLobe) < chance) {
+    if (c.smooth) {
+      out.wi = {-wo.x, -wo.y, wo.z};
+      out.weight = m.specular * (of.reflected / chance);
+      out.delta = true;
+      return true;
+    }
+    out.wi = mirrored(above, sample_visible_normal(c.facets, above, u));
+  } else {
+    out.wi = cosine_hemisphere(u);
+  }
+  if (!(out.wi.z > 0.0f)) return false;
+  const PlasticValue v = evaluate(m, c, above, out.wi);
+  if (!(v.pdf > 0.0f)) return false;
+  out.pdf = v.pdf;
+  out.weight = v.value * (1.0f / v.pdf);
+  out.wi.z = copysign(out.wi.z, wo.z);
+  return true;
+}
+
+// Colour for pictures of albedo.
+PH_INLINE Vec3 albedo(const Plastic& m) { return m.color; }
+
+}  // namespace parhelion::PH_ISA

@@ -1,0 +1,310 @@
+// The material of glTF 2.0 (metallic-roughness and its extensions), layered as OpenPBR's: from the
+// top sheen, a clear coat, and a base that is metal, or else a clear interface over a matte body or
+// over glass.
+//
+// A layer whose albedo towards wo is A leaves 1 - A to what it covers (albedo scaling, as in
+// OpenPBR and in Kulla and Conty 2017), so nothing gains energy, and white loses none. Lobes:
+//   sheen     Estevez and Kulla, "Production Friendly Microfacet Sheen BRDF", 2017
+//   film      Belcour and Barla, "A Practical Extension to Microfacet Theory for the Modeling of
+//             Varying Iridescence", 2017, its Fresnel terms taken at the angle of wo
+//   the rest  as in conductor.h, dielectric.h, plastic.h and diffuse.h, by GGX
+#pragma once
+#include "conductor.h"
+#include "dielectric.h"
+#include "diffuse.h"
+
+namespace parhelion::PH_ISA {
+
+struct Principled {
+  Vec3 color;
+  float metallic, roughness, anisotropy, anisotropy_rotation;
+  float ior, specular;
+  Vec3 specular_color;
+  float diffuse_roughness, transmission;
+  float clearcoat, clearcoat_roughness, clearcoat_ior;
+  Vec3 sheen_color;
+  float sheen_roughness;
+  float iridescence, iridescence_ior, iridescence_thickness;
+
+  static constexpr bool transmits = true;
+  static constexpr const char* doc =
+      "glTF's metallic-roughness with its extensions: metal, plastic, cloth, car paint, glass";
+  static constexpr ParamInfo params[] = {
+      {"color", 3, {0.8f, 0.8f, 0.8f}, 0.0f, 1.0f, "of the metal, the matte body or the glass"},
+      {"metallic", 1, {0.0f}, 0.0f, 1.0f, "0 is no metal, 1 is metal"},
+      {"roughness", 1, {0.5f}, 0.0f, 1.0f, "square root of the microfacets' alpha"},
+      {"anisotropy", 1, {0.0f}, -0.99f, 0.99f, "above 0 highlights stretch along u"},
+      {"anisotropy_rotation", 1, {0.0f}, 0.0f, 360.0f, "degrees from u to that direction"},
+      {"ior", 1, {1.5f}, 1.0f, 10.0f, "index of refraction, inside over outside; not for metal"},
+      {"specular", 1, {1.0f}, 0.0f, 1.0f, "scales the reflection at normal incidence"},
+      {"specular_color", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "tint of the reflection; not of metal"},
+      {"diffuse_roughness", 1, {0.0f}, 0.0f, 1.0f, "of the matte body, as in diffuse"},
+      {"transmission", 1, {0.0f}, 0.0f, 1.0f, "0 is a matte body, 1 is glass"},
+      {"clearcoat", 1, {0.0f}, 0.0f, 1.0f, "share that a clear coat covers"},
+      {"clearcoat_roughness", 1, {0.0f}, 0.0f, 1.0f, "of the coat"},
+      {"clearcoat_ior", 1, {1.5f}, 1.0f, 10.0f, "index of refraction of the coat"},
+      {"sheen_color", 3, {0.0f, 0.0f, 0.0f}, 0.0f, 1.0f, "of fibres that stand off, as on velvet"},
+      {"sheen_roughness", 1, {0.5f}, 0.0f, 1.0f, "how far the fibres lean"},
+      {"iridescence", 1, {0.0f}, 0.0f, 1.0f, "share that a thin film covers"},
+      {"iridescence_ior", 1, {1.3f}, 1.0f, 10.0f, "index of refraction of the film"},
+      {"iridescence_thickness", 1, {400.0f}, 0.0f, 10000.0f, "of the film, nanometres"},
+  };
+};
+
+PH_INLINE bool is_delta(const Principled&) { return false; }
+PH_INLINE Vec3 albedo(const Principled& m) { return m.color; }
+
+// --- Sheen ------------------------------------------------------------------------------------
+
+// With fibres more upright than this the model would reflect more than it receives.
+inline constexpr float kLeastSheenAlpha = 0.25f;
+
+PH_INLINE float sheen_alpha(const Principled& m) {
+  return max(m.sheen_roughness * m.sheen_roughness, kLeastSheenAlpha);
+}
+
+// f |cos wi|
+PH_INLINE float sheen_value(float alpha, Vec3 wo, Vec3 wi) {
+  const Vec3 h = normalize(wo + wi);
+  const float sine = safe_sqrt(1.0f - h.z * h.z), power = 1.0f / alpha;
+  const float density = (2.0f + power) * pow(sine, power) * (0.5f / kPi);
+  return density * wi.z / (4.0f * (wo.z + wi.z - wo.z * wi.z));
+}
+
+PH_INLINE float sheen_albedo(float alpha, Vec3 wo) {
+  const float y = (alpha - kLeastSheenAlpha) / (1.0f - kLeastSheenAlpha);
+  return grid(kSheenAlbedo, cubic(y, kSheenAlphas), cubic(sqrt(wo.z), kSheenAngles), kSheenAngles);
+}
+
+// --- Thin film --------------------------------------------------------------------------------
+
+// Amplitudes reflected at a dielectric interface, of the two polarisations.
+struct Amplitudes {
+  float s, p, cos_t;
+};
+
+PH_INLINE Amplitudes amplitudes(float cos_i, float eta) {
+  const float cos_t = safe_sqrt(1.0f - (1.0f - cos_i * cos_i) / (eta * eta));
+  return {(cos_i - eta * cos_t) / max(cos_i + eta * cos_t, 1e-6f),
+          (eta * cos_i - cos_t) / max(eta * cos_i + cos_t, 1e-6f), cos_t};
+}
+
+// Airy's sum over reflections within the film.
+PH_INLINE float airy(float first, float second, float fringe) {
+  const float a = first * first, b = second * second, c = 2.0f * first * second * fringe;
+  return (a + b + c) / max(1.0f + a * b + c, 1e-6f);
+}
+
+// Share that a film reflects, in linear RGB: the spectrum at some wavelengths, weighted by what the
+// eye makes of them. `base` is the index of what lies below, channel by channel.
+inline Vec3 film_albedo(float cosine, float ior, float thickness, Vec3 base) {
+  const Amplitudes top = amplitudes(cosine, ior);
+  const Amplitudes r = amplitudes(top.cos_t, base.x / ior), g = amplitudes(top.cos_t, base.y / ior),
+                   b = amplitudes(top.cos_t, base.z / ior);
+  Vec3 sum = {0, 0, 0};
+  for (u32 i = 0; i < kFilmWavelengths; ++i) {
+    const float turns =
+        2.0f * ior * thickness * top.cos_t / (kFilmFirst + kFilmStep * static_cast<float>(i));
+    const float fringe = cos_sin_turns(turns - floor(turns)).c;
+    const float* weight = kFilmWeights + 3 * i;
+    const auto both = [&](const Amplitudes& below) {
+      return 0.5f * (airy(top.s, below.s, fringe) + airy(top.p, below.p, fringe));
+    };
+    sum += Vec3{weight[0] * both(r), weight[1] * both(g), weight[2] * both(b)};
+  }
+  return {clamp(sum.x, 0.0f, 1.0f), clamp(sum.y, 0.0f, 1.0f), clamp(sum.z, 0.0f, 1.0f)};
+}
+
+// The index of a dielectric that reflects this much at normal incidence.
+PH_INLINE float index_of_reflectance(float f0) {
+  const float root = sqrt(min(f0, 0.9999f));
+  return (1.0f + root) / (1.0f - root);
+}
+
+// --- Layers -----------------------------------------------------------------------------------
+
+// Narrower lobes are widened: there is no mirror here. Nor are indices nearer to 1, at which
+// refraction could not be told from passing straight on.
+inline constexpr float kLeastRoughness = 0.045f, kLeastContrast = 0.02f;
+
+PH_INLINE Vec3 lerp(Vec3 a, Vec3 b, float f) { return a + (b - a) * f; }
+PH_INLINE Vec3 rest(Vec3 a) { return {1.0f - a.x, 1.0f - a.y, 1.0f - a.z}; }
+
+// The lobes that are sampled: mirrors are metal, film and gloss, which share their normals.
+enum Lobe : u32 { kMirrorLobe, kMatteLobe, kGlassLobe, kCoatLobe, kSheenLobe, kLobes };
+
+// What is left for each lobe of the light towards wo, above the surface as it is seen.
+struct Layers {
+  Vec3 wo;
+  Microfacets facets;
+  Coat coat;
+  Diffuse body;
+  Dielectric inner;
+  float eta;  // far side over near side
+  float gain_o;
+  Vec3 metal, film, gloss, matte, glass;
+  float coat_weight;
+  float chance[kLobes];
+};
+
+// In the frame of the microfacets: x along their axis, z towards the side of wo.
+PH_INLINE Vec3 to_facets(const Principled& m, Vec3 w, float side) {
+  w.z *= side;
+  if (m.anisotropy == 0.0f) return w;
+  const CosSin t = cos_sin_turns(m.anisotropy_rotation * (1.0f / 360.0f));
+  return {t.c * w.x + t.s * w.y, t.c * w.y - t.s * w.x, w.z};
+}
+
+PH_INLINE Vec3 from_facets(const Principled& m, Vec3 w, float side) {
+  w.z *= side;
+  if (m.anisotropy == 0.0f) return w;
+  const CosSin t = cos_sin_turns(m.anisotropy_rotation * (1.0f / 360.0f));
+  return {t.c * w.x - t.s * w.y, t.c * w.y + t.s * w.x, w.z};
+}
+
+// The index that reflects `specular` times as much at normal incidence (OpenPBR 1.1, 3.6).
+PH_INLINE float scaled_index(float ior, float specular) {
+  const float root = (ior - 1.0f) / (ior + 1.0f);
+  const float eta = max(index_of_reflectance(root * root * specular), 1.0f + kLeastContrast);
+  return ior >= 1.0f ? eta : 1.0f / eta;
+}
+
+inline Layers layers(const Principled& m, Vec3 world_wo) {
+  Layers l;
+  const float side = copysign(1.0f, world_wo.z);
+  l.wo = to_facets(m, world_wo, side);
+  const float roughness = max(m.roughness, kLeastRoughness);
+  l.facets = microfacets(roughness, m.anisotropy, 0.0f);
+  l.coat = make_coat(microfacets(max(m.clearcoat_roughness, kLeastRoughness), 0.0f, 0.0f),
+                     m.clearcoat_ior);
+  l.body = {m.color, m.diffuse_roughness};
+  const float ior = scaled_index(m.ior, m.specular);
+  l.inner = {{1, 1, 1}, ior, roughness, m.anisotropy, 0.0f, 0.0f, m.specular_color, m.color};
+  l.eta = side > 0.0f ? ior : 1.0f / ior;
+  l.gain_o = metal_gain(l.facets, l.wo);
+
+  float under = 1.0f;
+  const float sheen = max_component(m.sheen_color);
+  float sheen_share = 0.0f;
+  if (sheen > 0.0f) {
+    sheen_share = sheen_albedo(sheen_alpha(m), l.wo);
+    under -= sheen * sheen_share;
+  }
+  l.coat_weight = under * m.clearcoat;
+  float coat_share = 0.0f;
+  if (m.clearcoat > 0.0f) {
+    coat_share = coat_albedo(l.coat, l.wo).reflected;
+    under *= 1.0f - m.clearcoat * coat_share;
+  }
+  const float metal = under * m.metallic, other = under - metal;
+  const float dull = other * (1.0f - m.transmission), clear = other * m.transmission;
+  const float bare = 1.0f - m.iridescence;
+  // The body is matte from behind too.
+  const float gloss_eta = max(ior, 1.0f / ior);
+  const float gloss_share = coat_albedo(make_coat(l.facets, gloss_eta), l.wo).reflected;
+  Vec3 on_metal = {0, 0, 0}, on_other = {0, 0, 0};
+  if (m.iridescence > 0.0f) {
+    on_metal = film_albedo(l.wo.z, m.iridescence_ior, m.iridescence_thickness,
+                           {index_of_reflectance(m.color.x), index_of_reflectance(m.color.y),
+                            index_of_reflectance(m.color.z)}) *
+               m.iridescence;
+    on_other = film_albedo(l.wo.z, m.iridescence_ior, m.iridescence_thickness,
+                           {gloss_eta, gloss_eta, gloss_eta}) *
+               m.iridescence;
+  }
+  l.metal = m.color * (metal * bare);
+  l.film = on_metal * metal + on_other * other;
+  l.gloss = m.specular_color * (dull * bare);
+  l.matte = rest(on_other + Vec3{1, 1, 1} * (bare * gloss_share)) * dull;
+  l.glass = rest(on_other) * clear;
+
+  const float share[kLobes] = {mean(l.metal) + mean(l.film) + mean(l.gloss) * gloss_share,
+                               mean(l.matte * m.color), mean(l.glass), l.coat_weight * coat_share,
+                               mean(m.sheen_color) * sheen_share};
+  float sum = 0.0f;
+  for (const float s : share) sum += s;
+  for (u32 i = 0; i < kLobes; ++i) {
+    l.chance[i] = sum > 0.0f ? share[i] / sum : static_cast<float>(i == 0);
+  }
+  return l;
+}
+
+struct PrincipledValue {
+  Vec3 value;
+  float pdf;
+};
+
+// wi in the frame of l.wo.
+inline PrincipledValue evaluate(const Principled& m, const Layers& l, Vec3 wi) {
+  PrincipledValue r = {{0, 0, 0}, 0.0f};
+  if (l.chance[kGlassLobe] > 0.0f) {
+    const DielectricValue v = evaluate(l.inner, l.facets, l.eta, l.wo, wi);
+    r = {l.glass * v.value, l.chance[kGlassLobe] * v.pdf};
+  }
+  if (!(wi.z > 0.0f) || !(l.wo.z > 0.0f)) return r;
+
+  const Reflection f = reflection(l.facets, l.wo, wi, true);
+  const float facing = min(f.facing, 1.0f);
+  const float gain = l.gain_o * metal_gain(l.facets, wi);
+  const Vec3 metal = reflected(lerp(m.color, {1, 1, 1}, schlick_weight(facing)), gain);
+  const float gloss = fresnel_dielectric(facing, l.inner.ior).reflected;
+  r.value += (l.metal * metal + l.film * gain) * f.value;
+  r.value += l.gloss * (gloss * f.pdf * visible_share(l.facets, wi));
+  r.pdf += l.chance[kMirrorLobe] * f.pdf;
+
+  const float cosine = cosine_hemisphere_pdf(wi);
+  r.value += l.matte * eval(l.body, l.wo, wi);
+  r.pdf += (l.chance[kMatteLobe] + l.chance[kSheenLobe]) * cosine;
+  if (l.chance[kSheenLobe] > 0.0f) {
+    r.value += m.sheen_color * sheen_value(sheen_alpha(m), l.wo, wi);
+  }
+  if (l.coat_weight > 0.0f) {
+    const Reflection c = reflection(l.coat.facets, l.wo, wi, false);
+    const float share = fresnel_dielectric(min(c.facing, 1.0f), l.coat.eta).reflected;
+    r.value += Vec3{1, 1, 1} * (l.coat_weight * share * c.value);
+    r.pdf += l.chance[kCoatLobe] * c.pdf;
+  }
+  return r;
+}
+
+PH_INLINE PrincipledValue evaluate(const Principled& m, Vec3 wo, Vec3 wi) {
+  return evaluate(m, layers(m, wo), to_facets(m, wi, copysign(1.0f, wo.z)));
+}
+
+PH_INLINE Vec3 eval(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
+PH_INLINE float pdf(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
+
+inline bool sample(const Principled& m, Vec3 wo, const Sampler& sampler, u32 draw,
+                   BsdfSample& out) {
+  const Layers l = layers(m, wo);
+  const Vec2 u = draw2(sampler, draw + kDrawDirection);
+  float left = draw1(sampler, draw + kDrawLobe);
+  u32 lobe = 0;
+  while (lobe + 1 < kLobes && left >= l.chance[lobe]) left -= l.chance[lobe++];
+  Vec3 wi;
+  switch (lobe) {
+    case kMirrorLobe: wi = mirrored(l.wo, sample_visible_normal(l.facets, l.wo, u)); break;
+    case kCoatLobe: wi = mirrored(l.wo, sample_visible_normal(l.coat.facets, l.wo, u)); break;
+    case kGlassLobe: {
+      const Vec3 n = sample_visible_normal(l.facets, l.wo, u);
+      const float facing = clamp(dot(l.wo, n), 0.0f, 1.0f);
+      const Fresnel f = fresnel_dielectric(facing, l.eta);
+      const bool reflects = draw1(sampler, draw + kDrawLobe2) < f.reflected;
+      wi = reflects ? mirrored(l.wo, n)
+                    : normalize(n * (facing / l.eta - f.cos_t) - l.wo * (1.0f / l.eta));
+      if ((wi.z > 0.0f) != reflects) return false;
+      if (!reflects) out.eta = l.eta;
+      break;
+    }
+    default: wi = cosine_hemisphere(u);
+  }
+  if (lobe != kGlassLobe && !(wi.z > 0.0f)) return false;
+  const PrincipledValue v = evaluate(m, l, wi);
+  if (!(v.pdf > 0.0f)) return false;
+  out.pdf = v.pdf;
+  out.weight = v.value * (1.0f / v.pdf);
+  out.wi = from_facets(m, wi, copysign(1.0f, wo.z));
+  return true;
+}
+
+}  // namespace parhelion::PH_ISA

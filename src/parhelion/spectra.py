@@ -1,0 +1,141 @@
+"""Spectra reduced to linear Rec. 709 colours: tables of values by wavelength, and metals by name.
+
+Integrals are the sums that Mitsuba 3 makes in its rgb variants, so that a scene means the same
+colours in both: a thousand steps from 360 to 830 nm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+from .errors import SceneError, unknown_name
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+Color = tuple[float, float, float]
+
+_FIRST, _LAST = 360.0, 830.0  # nm, of the CIE's tables
+_STEPS = 1000
+# The observer's integral of y in nm, and the mean of D65 as it sees it: Mitsuba 3's constants,
+# which leave a white surface at 0.9989.
+_OBSERVER_Y = 106.7502593994140625
+_D65_MEAN = 98.997418
+# ITU-R BT.709-6's primaries and white point, D65: CIE XYZ to linear RGB
+_FROM_XYZ = (
+    (3.240479, -1.537150, -0.498535),
+    (-0.969256, 1.875991, 0.041556),
+    (0.055648, -0.204043, 1.057311),
+)
+
+
+def _rows(name: str) -> Iterator[list[str]]:
+    text = (files(__package__) / "data" / name).read_text(encoding="ascii")
+    return (line.split() for line in text.splitlines() if line and not line.startswith("#"))
+
+
+@cache
+def _weights() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Wavelengths, and (3, N) weights of equal energy and of D65 at each: values to XYZ."""
+    import numpy as np
+
+    table = np.array([[float(x) for x in row] for row in _rows("cie.txt")])
+    nm = np.linspace(_FIRST, _LAST, _STEPS)
+    x, y, z, d65 = (np.interp(nm, table[:, 0], column) for column in table.T[1:])
+    observer = np.stack([x, y, z]) * ((_LAST - _FIRST) / _STEPS / _OBSERVER_Y)
+    return nm, observer, observer * d65 / _D65_MEAN
+
+
+def reflectance(wavelengths: ArrayLike, values: ArrayLike) -> Color:
+    """The colour, in [0, 1], of a surface with these values under D65.
+
+    wavelengths: rising, in nm. Between them values run straight, outside of them they are 0.
+    """
+    r, g, b = _color(wavelengths, values, lit=True)
+    return min(max(r, 0.0), 1.0), min(max(g, 0.0), 1.0), min(max(b, 0.0), 1.0)
+
+
+def unbounded(wavelengths: ArrayLike, values: ArrayLike) -> Color:
+    """As reflectance, of a quantity that may be above 1, such as an index of refraction."""
+    r, g, b = _color(wavelengths, values, lit=True)
+    return max(r, 0.0), max(g, 0.0), max(b, 0.0)
+
+
+def emission(wavelengths: ArrayLike, values: ArrayLike) -> Color:
+    """The colour of light with this power at each wavelength. One even over all is not white."""
+    r, g, b = _color(wavelengths, values, lit=False)
+    return max(r, 0.0), max(g, 0.0), max(b, 0.0)
+
+
+def equal_energy(power: float) -> Color:
+    """The colour of light with the same power at all wavelengths: CIE XYZ are all `power`."""
+    r, g, b = (sum(row) * power for row in _FROM_XYZ)
+    return r, g, b
+
+
+def _color(wavelengths: ArrayLike, values: ArrayLike, *, lit: bool) -> Color:
+    import numpy as np
+
+    at = np.asarray(wavelengths, np.float64)
+    value = np.asarray(values, np.float64)
+    if at.ndim != 1 or at.shape != value.shape or len(at) < 2 or not (np.diff(at) > 0).all():
+        raise SceneError("a spectrum needs two or more wavelengths that rise, each with a value")
+    nm, even, white = _weights()
+    inside = np.interp(nm, at, value, left=0.0, right=0.0)
+    rgb = np.array(_FROM_XYZ) @ ((white if lit else even) @ inside)
+    return float(rgb[0]), float(rgb[1]), float(rgb[2])
+
+
+def blackbody(temperature: float) -> Color:
+    """Radiance of a black body, W / (m^2 sr nm) (Planck's law), as a colour; temperature in K."""
+    import numpy as np
+
+    if not temperature > 0.0:
+        raise SceneError(f"a black body's temperature is {temperature:g}; must be above 0 K")
+    nm = _weights()[0]
+    metres = nm * 1e-9
+    # first and second radiation constants, CODATA 2018
+    with np.errstate(over="ignore"):
+        power = 1.191042972e-16 / metres**5 / np.expm1(1.438776877e-2 / (metres * temperature))
+    return emission(nm, power * 1e-9)
+
+
+@cache
+def _metals() -> dict[str, tuple[list[float], list[float], list[float]]]:
+    found: dict[str, tuple[list[float], list[float], list[float]]] = {}
+    names: Sequence[str] = ()
+    for row in _rows("metals.txt"):
+        if row[0] == "nm":
+            names = row[1:]
+            for name in names:
+                found[name] = ([], [], [])
+            continue
+        for i, name in enumerate(names):
+            nm, n, k = found[name]
+            nm.append(float(row[0]))
+            n.append(float(row[1 + 2 * i]))
+            k.append(float(row[2 + 2 * i]))
+    return found
+
+
+def metals() -> tuple[str, ...]:
+    """The names that metal() knows."""
+    return (*sorted(_metals()), "none")
+
+
+def metal(name: str) -> tuple[Color, Color]:
+    """Index of refraction and extinction coefficient of a metal by its symbol, as colours.
+
+    "none" reflects everything. Raises SceneError for an unknown name.
+    """
+    if name == "none":
+        return (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+    table = _metals().get(name)
+    if table is None:
+        raise SceneError(unknown_name("metal", name, metals()))
+    nm, n, k = table
+    return unbounded(nm, n), unbounded(nm, k)
