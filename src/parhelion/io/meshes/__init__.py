@@ -1,0 +1,106 @@
+"""Files of triangle meshes: one module a format, each with `read`, made of NumPy operations only.
+
+A reader checks what it returns: every index in range, every array of one length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import FormatError
+
+Floats = NDArray[np.floating[Any]]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class MeshData:
+    """What a mesh file holds.
+
+    vertices (V, 3), faces (F, 3); normals (V, 3) and uvs (V, 2) or None. attributes: further
+    arrays, "vertex_NAME" and "face_NAME". face_normals: the file itself asks for flat faces.
+    """
+
+    vertices: Floats
+    faces: Integers
+    normals: Floats | None = None
+    uvs: Floats | None = None
+    attributes: Mapping[str, Floats] = field(default_factory=dict)
+    face_normals: bool = False
+
+
+def triangulate(counts: Integers, corners: Integers) -> tuple[Integers, Integers]:
+    """Polygons as fans of triangles around their first corner.
+
+    counts: (P,) corners of each polygon, at least 3. corners: all of them, one after the other;
+    (C,) or (C, K). Returns (F, 3) or (F, 3, K) corners and the (F,) polygon of each triangle.
+    """
+    triangles = counts - 2
+    polygon = np.repeat(np.arange(len(counts)), triangles)
+    first = (np.cumsum(counts) - counts)[polygon]
+    before = (np.cumsum(triangles) - triangles)[polygon]
+    second = first + np.arange(len(polygon)) - before + 1
+    return np.stack([corners[first], corners[second], corners[second + 1]], axis=1), polygon
+
+
+def check_indices(name: str, faces: Integers, vertices: int) -> None:
+    """Raises FormatError, its text beginning with the mesh's name, for the first bad index."""
+    bad = (faces < 0) | (faces >= vertices)
+    if bad.any():
+        face = int(np.argmax(bad.any(axis=1)))
+        index = int(faces[face][bad[face]][0])
+        raise FormatError(
+            f"{name}: face {face} refers to vertex {index}; it has {vertices}, from 0"
+        )
+
+
+def turned(vertices: Floats, faces: Integers, normals: Floats) -> Integers:
+    """The faces, those that show their back where their vertices' normals point turned around.
+
+    A file may wind its faces against its normals, and a transform that mirrors makes it do so.
+    """
+    corners = np.asarray(vertices, np.float64)[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    against = np.einsum("fi,fi->f", across, normals[faces].sum(axis=1)) < 0.0
+    return np.where(against[:, None], faces[:, [0, 2, 1]], faces) if against.any() else faces
+
+
+def smooth_normals(vertices: Floats, faces: Integers) -> NDArray[np.float64]:
+    """Normals at the vertices: those of the faces around, weighted by the angle there.
+
+    G. Thürmer and C. A. Wüthrich, "Computing vertex normals from polygonal facets", Journal of
+    Graphics Tools 3(1), 1998. A vertex of no face, or of faces that cancel, gets (1, 0, 0).
+    """
+    corners = np.asarray(vertices, np.float64)[faces]
+    edge = np.roll(corners, -1, axis=1) - corners  # (F, 3, 3): from each corner to the next
+    back = -np.roll(edge, 1, axis=1)
+    normal = np.cross(edge[:, 0], edge[:, 1])
+    area = np.linalg.norm(normal, axis=1)
+    flat = area == 0.0
+    normal /= np.where(flat, 1.0, area)[:, None]
+    sine = np.linalg.norm(np.cross(edge, back), axis=2)
+    angle = np.arctan2(sine, np.einsum("fci,fci->fc", edge, back))
+    weighted = normal[:, None, :] * np.where(flat[:, None], 0.0, angle)[:, :, None]
+    total = np.stack(
+        [
+            np.bincount(faces.ravel(), weighted[:, :, axis].ravel(), minlength=len(vertices))
+            for axis in range(3)
+        ],
+        axis=1,
+    )
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    lost = length[:, 0] < 1e-12
+    total[lost] = (1.0, 0.0, 0.0)
+    length[lost] = 1.0
+    return np.asarray(total / length)
+
+
+def decode_srgb(encoded: Floats) -> NDArray[np.float32]:
+    """Linear values of sRGB ones (IEC 61966-2-1)."""
+    low = encoded / 12.92
+    return np.where(encoded <= 0.04045, low, ((encoded + 0.055) / 1.055) ** 2.4).astype(np.float32)

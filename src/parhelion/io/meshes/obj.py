@@ -1,0 +1,162 @@
+"""Wavefront OBJ: v, vt, vn and f lines; everything else (groups, materials, lines) is passed over.
+
+Each different corner v/vt/vn becomes a vertex. Polygons are split into fans.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import FormatError
+from . import Floats, Integers, MeshData, triangulate
+from .numbers import parse
+
+_KINDS = {b"v ": 1, b"vt": 2, b"vn": 3, b"f ": 4}
+_NOUNS = {1: "vertex", 2: "texture coordinate", 3: "normal"}
+
+
+class _Lines:
+    """The lines of a file as NumPy arrays: where they start, and what they hold by their kind."""
+
+    def __init__(self, path: Path, text: bytes) -> None:
+        self.path = path
+        text = text.replace(b"\\\n", b"  ").replace(b"\\\r\n", b"   ")
+        text = text.translate(bytes.maketrans(b"\r\t\v\f", b"    "))
+        if b"#" in text:
+            text = re.sub(rb"#[^\n]*", b"", text)
+        if b"\n " in text or text[:1] == b" ":
+            text = re.sub(rb"(?m)^ +", b"", text)
+        self.bytes = np.frombuffer(text + b"\n\0", np.uint8)
+        ends = np.flatnonzero(self.bytes == 10)
+        self.starts = np.concatenate([[0], ends[:-1] + 1])
+        self.sizes = ends + 1 - self.starts
+        first = self.bytes[self.starts].astype(np.uint16)
+        second = self.bytes[self.starts + 1].astype(np.uint16)
+        self.kinds = np.zeros(len(ends), np.uint8)
+        for key, kind in _KINDS.items():
+            self.kinds[(first == key[0]) & (second == key[1])] = kind
+
+    def text(self, kind: int) -> NDArray[np.uint8]:
+        """The lines of a kind, each with blanks for the word it begins with."""
+        chosen = self.kinds == kind
+        text: NDArray[np.uint8] = self.bytes[:-1][np.repeat(chosen, self.sizes)]
+        sizes = self.sizes[chosen]
+        starts = np.cumsum(sizes) - sizes
+        text[starts] = 32
+        text[starts[sizes > 1] + 1] = 32
+        return text
+
+    def rows(self, kind: int, width: int) -> NDArray[np.float64]:
+        """(N, width) numbers of the lines of a kind; numbers that follow on a line are dropped."""
+        text = self.text(kind)
+        if not len(text):
+            return np.empty((0, width))
+        counts = _words_per_line(text)
+        if (counts < width).any():
+            raise self._error(
+                kind, int(np.argmax(counts < width)), f"has fewer than {width} numbers"
+            )
+        try:
+            numbers = parse(text.tobytes())
+            if len(numbers) != counts.sum():
+                raise ValueError("something that is no number")
+        except ValueError as error:
+            raise FormatError(f"{self.path}: the {_NOUNS[kind]} lines hold {error}") from None
+        starts = np.cumsum(counts) - counts
+        return np.asarray(numbers[starts[:, None] + np.arange(width)])
+
+    def line(self, kind: int, row: int) -> int:
+        """The number, from 1, of the line that is the row-th of its kind."""
+        return int(np.flatnonzero(self.kinds == kind)[row]) + 1
+
+    def _error(self, kind: int, row: int, text: str) -> FormatError:
+        return FormatError(f"{self.path}: line {self.line(kind, row)} {text}")
+
+
+def _words_per_line(text: NDArray[np.uint8]) -> Integers:
+    blank = text <= 32
+    begins = ~blank
+    begins[1:] &= blank[:-1]
+    total = np.searchsorted(np.flatnonzero(begins), np.flatnonzero(text == 10))
+    return np.diff(total, prepend=0).astype(np.int64)
+
+
+def read(path: Path) -> MeshData:
+    """The file as one mesh. Raises FormatError, naming the line, and OSError."""
+    lines = _Lines(path, path.read_bytes())
+    arrays: dict[int, Floats] = {1: lines.rows(1, 3), 2: lines.rows(2, 2), 3: lines.rows(3, 3)}
+    text = lines.text(4)
+    counts = _words_per_line(text)
+    if not len(counts):
+        raise FormatError(f"{path}: has no faces ('f' lines)")
+    if (counts < 3).any():
+        line = lines.line(4, int(np.argmax(counts < 3)))
+        raise FormatError(f"{path}: line {line}: a face needs at least 3 corners")
+    corners = _corners(lines, text, counts, arrays)
+    faces, _ = triangulate(counts, corners)
+    return _indexed(faces, arrays)
+
+
+def _corners(
+    lines: _Lines, text: NDArray[np.uint8], counts: Integers, arrays: dict[int, Floats]
+) -> Integers:
+    """(C, 3) indices from 0 of vertex, texture coordinate and normal; -1 where there is none."""
+    blank = text <= 32
+    last = np.flatnonzero(~blank & np.append(blank[1:], True))  # of each word
+    parts = np.diff(np.searchsorted(np.flatnonzero(text == 47), last), prepend=0) + 1
+    # an index that is left out, as in 1//3, becomes 0
+    filled = re.sub(rb"/(?=[/\s]|$)", b"/0", text.tobytes()).replace(b"/", b" ")
+    try:
+        numbers = parse(filled)
+        indices = numbers.astype(np.int64)
+        if len(numbers) != parts.sum() or (parts > 3).any() or (indices != numbers).any():
+            raise ValueError("something that is no corner v/vt/vn")
+    except ValueError as error:
+        raise FormatError(f"{lines.path}: the 'f' lines hold {error}") from None
+    face = np.repeat(np.arange(len(counts)), counts)
+    starts = np.cumsum(parts) - parts
+    corners = np.full((len(parts), 3), -1, np.int64)
+    face_lines = np.flatnonzero(lines.kinds == 4)
+    for column, kind in enumerate((1, 2, 3)):
+        given = parts > column
+        index = indices[np.minimum(starts + column, len(indices) - 1)]
+        given &= (index != 0) | (column == 0)
+        # negative ones count back from the last that was defined before the face
+        seen = np.cumsum(lines.kinds == kind)[face_lines][face]
+        absolute = np.where(index < 0, seen + index, index - 1)
+        bad = given & ((absolute < 0) | (absolute >= len(arrays[kind])))
+        if bad.any():
+            at = int(np.argmax(bad))
+            raise FormatError(
+                f"{lines.path}: line {lines.line(4, int(face[at]))}: face {int(face[at])} refers "
+                f"to {_NOUNS[kind]} {int(index[at])}; there are {len(arrays[kind])}"
+            )
+        corners[given, column] = absolute[given]
+    return corners
+
+
+def _indexed(faces: Integers, arrays: dict[int, Floats]) -> MeshData:
+    """Corners that differ in anything become different vertices, in the order of the file."""
+    flat = faces.reshape(-1, 3)
+    sizes = [len(arrays[kind]) + 1 for kind in (1, 2, 3)]
+    keys = ((flat[:, 0] + 1) * sizes[1] + flat[:, 1] + 1) * sizes[2] + flat[:, 2] + 1
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    chosen = flat[first[order]]
+    uvs = normals = None
+    if len(arrays[2]) and (chosen[:, 1] >= 0).all():
+        uvs = arrays[2][chosen[:, 1]]
+    if len(arrays[3]) and (chosen[:, 2] >= 0).all():
+        normals = arrays[3][chosen[:, 2]]
+    return MeshData(
+        vertices=arrays[1][chosen[:, 0]],
+        faces=rank[inverse.ravel()].reshape(-1, 3),
+        normals=normals,
+        uvs=uvs,
+    )
