@@ -23,10 +23,13 @@ def outputs() -> dict[Path, str]:
     """The text of every generated file."""
     schema = json_scene.schema()
     manual = (DOCS / "scene.md").read_text(encoding="utf-8")
+    definitions = schema["$defs"]
     for mark, table in {
-        **{name: _fields(schema["$defs"][name]) for name in ("Document", *_SECTIONS)},
-        "materials": _entries("materials"),
-        "backgrounds": _entries("backgrounds"),
+        **{name: _fields(definitions[name]) for name in ("Document", *_SECTIONS)},
+        **{kind: _entries(kind) for kind in ("materials", "textures", "lights")},
+        "Blend": _fields(_blend(definitions)),
+        "projections": ", ".join(f"`{name}`" for name in definitions["Projection"]["enum"]) + "\n",
+        "backgrounds": ", ".join(f"`{name}`" for name in tables.tables()["backgrounds"]) + "\n",
         "samplers": _names("samplers"),
         "filters": _names("filters"),
     }.items():
@@ -42,15 +45,43 @@ def outputs() -> dict[Path, str]:
     }
 
 
-# definitions of the schema that have a section of the manual -> that section's anchor
-_SECTIONS = {"Camera": "camera", "Spheres": "spheres", "Settings": "settings"}
+# definitions of the schema whose fields are a table of the manual -> the anchor of their section
+_SECTIONS = {
+    "Camera": "camera",
+    "Spheres": "spheres",
+    "Mesh": "mesh",
+    "Disks": "disks",
+    "Cylinders": "cylinders",
+    "Curves": "curves",
+    "Instances": "instances",
+    "CommonMaterial": "materials",
+    "ImageTexture": "textures",
+    "ImageLight": "lights",
+    "Pixels": "pixels",
+    "Settings": "settings",
+}
 _ANCHORS = {
     **_SECTIONS,
     "Material": "materials",
+    "Texture": "textures",
+    "Light": "lights",
     "Background": "backgrounds",
+    "Attribute": "mesh",
+    "Projection": "camera",
     "Sampler": "samplers",
     "Filter": "filters",
 }
+
+
+def _blend(definitions: dict[str, Any]) -> dict[str, Any]:
+    """The blend of two materials, its own fields only."""
+    (block,) = (
+        m
+        for m in definitions["Material"]["anyOf"]
+        if m["properties"]["type"].get("const") == "blend"
+    )
+    own = {k: v for k, v in block["properties"].items() if "description" in v}
+    return {"properties": own, "required": block["required"]}
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:
@@ -61,8 +92,10 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 def _fields(block: dict[str, Any]) -> str:
     rows = []
     for name, field in block["properties"].items():
-        needed = name in block["required"] and "default" not in field
-        default = "required" if needed else f"`{json.dumps(field.get('default', {}))}`"
+        needed = name in block.get("required", ()) and "default" not in field
+        default = f"`{json.dumps(field['default'])}`" if "default" in field else ""
+        if needed:
+            default = "required"
         rows.append([f"`{name}`", _values(field), default, field.get("description", "")])
     return _table(["field", "values", "default", "meaning"], rows)
 
@@ -73,7 +106,7 @@ def _values(schema: dict[str, Any]) -> str:
         name = schema["$ref"].rpartition("/")[2]
         return f"[{name.lower()}](#{_ANCHORS[name]})"
     if "anyOf" in schema:
-        return " or ".join(map(_values, schema["anyOf"]))
+        return " or ".join(dict.fromkeys(map(_values, schema["anyOf"])))
     if "enum" in schema:
         return " or ".join(f"`{json.dumps(value)}`" for value in schema["enum"])
     kind = schema["type"]
@@ -81,11 +114,13 @@ def _values(schema: dict[str, Any]) -> str:
         each = [_values(item) for item in schema["prefixItems"]]
         return f"[{', '.join(each)}]"
     if kind == "array":
-        return f"array of {_values(schema['items'])}"
+        least, most = schema.get("minItems", 0), schema.get("maxItems")
+        count = "" if most is None else f"{most} " if least == most else f"{least} to {most} "
+        return f"array of {count}{_values(schema['items'])}"
     if kind == "object":
         return f"object of {_values(schema['additionalProperties'])} by name"
     if kind == "string":
-        return "name of a `.npy` file" if "pattern" in schema else "text"
+        return _TEXTS[schema.get("pattern", "")]
     limits = []
     for key, sign in _SIGNS.items():
         # the limits of single and of 32- and 64-bit numbers are told in the text
@@ -94,6 +129,14 @@ def _values(schema: dict[str, Any]) -> str:
     return " ".join([kind, ", ".join(limits)]).strip()
 
 
+# what texts of a pattern are
+_TEXTS = {
+    "": "text",
+    r"\.npy$": "name of a `.npy` file",
+    r"^smooth$|^flat$|\.npy$": '`"smooth"` or `"flat"` or name of a `.npy` file',
+    r"\.(obj|ply|serialized)$": "name of a mesh file",
+}
+
 _SIGNS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
 
 
@@ -101,19 +144,35 @@ def _entries(kind: str) -> str:
     rows = []
     for entry in tables.tables()[kind].values():
         for i, param in enumerate(entry.params):
-            default = list(param.default) if param.size > 1 else param.default[0]
             rows.append(
                 [
                     f"`{entry.name}`" if i == 0 else "",
                     entry.doc if i == 0 else "",
                     f"`{param.name}`",
-                    "number" if param.size == 1 else f"{param.size} numbers",
-                    f"{param.low:g} to {param.high:g}",
-                    f"`{json.dumps(default)}`",
+                    *_range(entry, param),
                     param.doc,
                 ]
             )
+        if entry.image:
+            rows.append(["", "", "`image`", "image", "", "required", "the pixels"])
+        elif not entry.params:
+            rows.append([f"`{entry.name}`", entry.doc, "", "", "", "", ""])
     return _table(["type", "", "parameter", "values", "range", "default", "meaning"], rows)
+
+
+def _range(entry: tables.Entry, param: tables.Param) -> list[str]:
+    """Three cells: what values there are, their range, and the default."""
+    if entry.name == "attribute":  # the core knows attributes by number, users by name
+        return ["text", "", "required"]
+    if param.choices:
+        words = " or ".join(f'`"{word}"`' for word in param.choices)
+        return [words, "", f'`"{param.choices[int(param.default[0])]}"`']
+    default = list(param.default) if param.size > 1 else param.default[0]
+    return [
+        "number" if param.size == 1 else f"{param.size} numbers",
+        f"{param.low:g} to {param.high:g}",
+        f"`{json.dumps(default)}`",
+    ]
 
 
 def _names(kind: str) -> str:

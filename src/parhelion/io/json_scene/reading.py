@@ -1,0 +1,110 @@
+"""From a file to a Scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from ... import scene as model
+from ... import tables
+from ...errors import FormatError, SceneError
+from .. import LoadOptions
+from . import shapes, source
+from .document import Document
+from .entries import Entries
+from .files import Folders
+from .messages import invalid, malformed, member, unknown_choice
+
+# Those of the LoadOptions that would go unread here, and what they are for.
+_FOREIGN_OPTIONS = dict.fromkeys(
+    ("color_by", "colormap", "color_range", "radius", "ground", "frame"),
+    "particle files; a scene states its own shapes",
+) | {"defines": "Mitsuba's scenes, which have parameters"}
+
+
+def load(path: Path, options: LoadOptions) -> model.Scene:
+    """The scene of a JSON file, which may be packed with gzip, bzip2 or xz.
+
+    Raises FormatError where the file is no valid scene, or an option is given that is for others.
+    A file that cannot be opened is the caller's OSError.
+    """
+    unset = LoadOptions()
+    for name, use in _FOREIGN_OPTIONS.items():
+        if getattr(options, name) != getattr(unset, name):
+            raise FormatError(f"{path}: the option {name!r} is for {use}")
+    try:
+        scene = parse(source.text(path), Folders(path.parent, options.allow_paths))
+    except SceneError as error:
+        raise FormatError(f"{path}: {error}") from None
+    except RecursionError:
+        raise FormatError(f"{path}: is nested too deeply") from None
+    return scene.replace(name=path.name.partition(".")[0]) if scene.name == "" else scene
+
+
+def parse(data: bytes, folders: Folders) -> model.Scene:
+    """The scene that a text describes; its name is "" if the text gives none."""
+    # Numbers too large for a float would be refused without a place where no type is known; float()
+    # makes them infinite, and what reads them names them.
+    decoder = msgspec.json.Decoder(float_hook=float)
+
+    def plain() -> Any:
+        return decoder.decode(data)
+
+    try:
+        document = msgspec.json.Decoder(Document, float_hook=float).decode(data)
+    except msgspec.ValidationError as error:
+        try:
+            text = invalid(str(error), plain, "$", Document)
+        except msgspec.DecodeError as other:  # broken behind the value that is wrong
+            text = malformed(str(other), data)
+        raise SceneError(text) from None
+    except msgspec.DecodeError as error:
+        raise SceneError(malformed(str(error), data)) from None
+    entries = Entries(document.materials, folders)
+    scene = model.Scene(
+        name=document.name or "",
+        camera=_camera(document),
+        background=entries.background(document.background, "$.background"),
+        lights=tuple(
+            entries.light(value, f"$.lights[{i}]") for i, value in enumerate(document.lights)
+        ),
+        materials={
+            name: entries.material(value, f"$.materials{member(name)}")
+            for name, value in document.materials.items()
+        },
+        shapes=tuple(
+            shapes.read(block, entries, f"$.shapes[{i}]") for i, block in enumerate(document.shapes)
+        ),
+        settings=_settings(document),
+    )
+    source.refuse_repeated_keys(data)
+    return scene
+
+
+def _camera(document: Document) -> model.Camera | None:
+    camera = document.camera
+    if camera is None:
+        return None
+    if camera.fov is not None and camera.vfov is not None:
+        raise SceneError("$.camera: has both 'fov' and 'vfov'; give one of them")
+    known = projections()
+    if camera.projection not in known:
+        text = unknown_choice("projection", camera.projection, known)
+        raise SceneError(f"$.camera.projection: {text}")
+    return model.Camera(**msgspec.structs.asdict(camera))
+
+
+def _settings(document: Document) -> model.Settings:
+    settings = document.settings
+    tables.entry("samplers", settings.sampler, "$.settings.sampler")
+    tables.entry("filters", settings.filter, "$.settings.filter")
+    return model.Settings(**msgspec.structs.asdict(settings))
+
+
+def projections() -> list[str]:
+    """The names of core/cameras.def."""
+    from ... import _core
+
+    return [str(name) for name in _core.tables()["cameras"]]
