@@ -64,23 +64,23 @@ void occluded_all(const SceneView& scene, const Ray* rays, const float* limit, u
   for (u64 i = 0; i < n; ++i) result[i] = occluded(scene, rays[i], limit[i], kNoSlot, tree);
 }
 
-// A mapping takes a parameter or not; these give all of them one form.
-template <class Result>
-Result call(Result (*f)(Vec2), Vec2 u, float) {
-  return f(u);
+// A mapping takes a parameter or not.
+template <class F, class X>
+auto call(F f, X x, float parameter) {
+  if constexpr (requires { f(x); }) {
+    return f(x);
+  } else {
+    return f(x, parameter);
+  }
 }
-template <class Result>
-Result call(Result (*f)(Vec2, float), Vec2 u, float parameter) {
-  return f(u, parameter);
-}
-float call(float (*f)(Vec3), Vec3 w, float) { return f(w); }
-float call(float (*f)(Vec3, float), Vec3 w, float parameter) { return f(w, parameter); }
+#define PH_CALL(name, x, parameter) \
+  call([](auto... a) -> decltype(name(a...)) { return name(a...); }, x, parameter)
 
 void warp(WarpKind kind, float parameter, const Vec2* u, u64 n, Vec3* out) {
   for (u64 i = 0; i < n; ++i) {
     switch (kind) {
 #define WARP(name, parameter_, doc) \
-  case WarpKind::name: out[i] = call(name, u[i], parameter); break;
+  case WarpKind::name: out[i] = PH_CALL(name, u[i], parameter); break;
 #include "../core/warps.def"
 #undef WARP
     }
@@ -91,7 +91,7 @@ void warp_pdf(WarpKind kind, float parameter, const Vec3* w, u64 n, float* out) 
   for (u64 i = 0; i < n; ++i) {
     switch (kind) {
 #define WARP(name, parameter_, doc) \
-  case WarpKind::name: out[i] = call(name##_pdf, w[i], parameter); break;
+  case WarpKind::name: out[i] = PH_CALL(name##_pdf, w[i], parameter); break;
 #include "../core/warps.def"
 #undef WARP
     }

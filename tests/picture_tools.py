@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 
-def read_picture(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
-    """(H, W, 3) pixels as they are stored, channels by name, and the file's attributes."""
+def read_picture(path: Path, channels: Sequence[str] = "RGB") -> tuple[np.ndarray, dict[str, Any]]:
+    """(H, W, N) of the channels of those names, as they are stored, and the file's attributes."""
     import OpenImageIO as oiio
 
     file = oiio.ImageInput.open(str(path))
@@ -19,6 +20,6 @@ def read_picture(path: Path) -> tuple[np.ndarray, dict[str, Any]]:
     pixels = file.read_image(stored)
     assert pixels is not None, file.geterror()
     file.close()
-    order = [spec.channelnames.index(name) for name in "RGB"]
+    order = [spec.channelnames.index(name) for name in channels]
     attributes = {a.name: a.value for a in spec.extra_attribs}
     return np.asarray(pixels)[..., order], attributes

@@ -137,6 +137,8 @@ def test_the_ending_chooses_the_format(
         ("--filter-radius 4", {"filter_radius": 4.0}),
         ("--spp 8 --no-roulette", {"spp": 8, "roulette": False}),
         ("--crop 10,5,20,8", {"crop": (10, 5, 20, 8)}),
+        ("--integrator direct", {"integrator": "direct"}),
+        ("--integrator ao --ao-distance 0.5", {"integrator": "ao", "ao_distance": 0.5}),
     ],
 )
 def test_each_setting_acts(tmp_path: Path, words: str, settings: dict) -> None:
@@ -154,6 +156,53 @@ def test_each_setting_acts(tmp_path: Path, words: str, settings: dict) -> None:
     preset = base | {"spp": settings.get("spp", 2)} | {"sampler": "sobol", "roulette": True}
     if settings.keys() - {"width", "height", "spp"}:
         assert not np.array_equal(pixels, ph.render(ph.weekend(), **preset).numpy())
+
+
+def test_features_are_layers_of_an_exr_file(tmp_path: Path) -> None:
+    output = tmp_path / "a.exr"
+    assert cli.main(["render", *SMALL, "-q", "--features", "-o", str(output)]) == 0
+    expected = ph.render(ph.weekend(), width=32, spp=1, features=True)
+    pixels, attributes = read_picture(output)
+    np.testing.assert_array_equal(pixels, expected.numpy())
+    depth, _ = read_picture(output, ["depth.Z"])
+    np.testing.assert_array_equal(depth, expected.features["depth"])
+    assert json.loads(attributes["parhelion:shapes"]) == expected.flat.shape_names
+
+
+XML = """<scene version="3.0.0">
+  <default name="size" value="40"/>
+  <default name="kind" value="diffuse"/>
+  <sensor type="perspective">
+    <film type="hdrfilm">
+      <integer name="width" value="$size"/> <integer name="height" value="20"/>
+    </film>
+  </sensor>
+  <shape type="obj"> <string name="filename" value="../shapes/one.obj"/>
+    <bsdf type="$kind"/>
+  </shape>
+</scene>
+"""
+
+
+def test_parameters_strictness_and_folders_reach_the_reader(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for folder in ("scene", "shapes", "other"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "shapes" / "one.obj").write_text("v 0 0 5\nv 1 0 5\nv 0 1 5\nf 1 2 3\n")
+    (tmp_path / "scene" / "a.xml").write_text(XML)
+    monkeypatch.chdir(tmp_path / "scene")
+    allow = ["--allow-path", "../other", "--allow-path", "../shapes"]
+    assert cli.main(["info", "a.xml"]) == 2
+    assert "--allow-path" in capsys.readouterr().err
+    assert cli.main(["info", "a.xml", *allow]) == 0
+    assert "settings   40x20" in capsys.readouterr().out
+    assert cli.main(["info", "a.xml", *allow, "-D", "size=50", "-Dsize=60"]) == 0
+    assert "settings   60x20" in capsys.readouterr().out
+    strange = [*allow, "-D", "kind=velvet"]
+    assert cli.main(["info", "a.xml", *strange, "--strict"]) == 2
+    assert "velvet" in capsys.readouterr().err
+    assert cli.main(["render", "a.xml", *strange, "-q", "--spp", "1", "-o", "a.png"]) == 0
 
 
 @pytest.mark.parametrize(
@@ -214,8 +263,9 @@ def test_every_option_has_its_help(command: str, capsys: pytest.CaptureFixture[s
     assert text.startswith(f"usage: parhelion {command}")
     asked = {
         "render": "--output --bits --width --height --spp --max-depth --threads --seed --sampler"
-        " --crop --quiet --log-level --color-by --colormap --radius --tree --schedule",
-        "info": "--materials",
+        " --crop --quiet --log-level --color-by --colormap --radius --tree --schedule --features"
+        " --integrator --ao-distance --strict --allow-path",
+        "info": "--materials --strict --allow-path",
         "study": "--threads --widths --aspect --spp --scene --repeat --tree --sampler --schedule",
     }
     assert not set(asked[command].split()) - set(re.findall(r"--[a-z-]+", text))
@@ -252,11 +302,44 @@ def test_info_of_particles_and_of_the_built_in_scene(
 def test_info_lists_every_material_and_parameter(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["info", "--materials"]) == 0
     text = capsys.readouterr().out
-    for kind in ("materials", "backgrounds"):
+    for kind in ("materials", "textures", "lights"):
+        part = text[text.index(f"{kind}:\n") :]
         for entry in tables.tables()[kind].values():
-            assert f"  {entry.name}: {entry.doc}\n" in text
+            notes = (r" \(takes an image\)" * entry.image) + (
+                r" \(may be a background\)" * entry.outside
+            )
+            assert re.search(rf"^  {entry.name}: {re.escape(entry.doc)}{notes}$", part, re.M)
             for p in entry.params:
-                assert re.search(rf"    {p.name} = .*{re.escape(p.range())}", text)
+                values = " or ".join(p.choices) if p.choices else p.range()
+                assert re.search(rf"    {p.name} = .*\({re.escape(values)}\)$", part, re.M)
+
+
+def test_info_lists_every_kind_of_shape(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ball = {"type": "spheres", "centers": [[0, 0, 0]], "name": "ball"}
+    corners = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2]]}
+    shapes = [
+        {"type": "mesh", **corners, "material": {"type": "diffuse", "color": {"type": "ramp"}}},
+        {"type": "disks", "centers": [[0, 0, 1]], "axis_u": [[1, 0, 0]], "axis_v": [[0, 1, 0]]},
+        {"type": "cylinders", "starts": [[0, 0, 0]], "ends": [[0, 0, 1]]},
+        {"type": "curves", "points": [[0, 0, 0], [1, 0, 0], [1, 1, 0]], "basis": "linear"},
+        {"type": "instances", "shapes": [ball], "transforms": [np.eye(4).tolist()] * 3},
+    ]
+    scene = tmp_path / "a.json"
+    scene.write_text(scene_text(shapes=shapes, lights=[{"type": "point"}], background=None))
+    assert cli.main(["info", str(scene)]) == 0
+    text = capsys.readouterr().out
+    for kind, count, name in (
+        ("triangles", 1, "mesh"),
+        ("disks", 1, "disks"),
+        ("cylinders", 1, "cylinders"),
+        ("curves", 2, "curves"),
+        ("copies", 3, "instances"),
+        ("  spheres", 1, "ball"),
+    ):
+        assert re.search(rf"^  {kind} +{count}  {name}$", text, re.M), kind
+    assert "textures   1, 0 images\n" in text
+    assert re.search(r"^lights +1$", text, re.M)
+    assert "background none\n" in text
 
 
 def test_info_shows_a_name_that_the_terminal_can_not(tmp_path: Path) -> None:
@@ -550,6 +633,9 @@ def test_a_bad_file_in_a_process_of_its_own(case: str, tmp_path: Path) -> None:
         ("--filter-radius nan", "filter_radius is nan"),
         ("--schedule dynmic", "did you mean 'dynamic'"),
         ("--tree oct", "unknown tree 'oct'"),
+        ("--integrator bdpt", "unknown integrator 'bdpt' (choices: ao, direct, path)"),
+        ("--ao-distance 0", "ao_distance is 0"),
+        ("--features", ".png cannot hold features (choices: .exr)"),
         ("--crop 0,0,64,1", "crop 0,0,64,1"),
         ("--crop 0,0,0,0", "does not lie within the picture, 32x18"),
         ("--bits 12", "cannot hold 12 bits"),
@@ -587,6 +673,8 @@ def test_a_request_without_meaning(
         "render --log-level loud",
         "render --radius big",
         "render --colour-by z",
+        "render -D size",
+        "render -D =5",
         "render a.json b.json",
         "info --width 3",
     ],

@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import stat
+import tracemalloc
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -16,7 +17,7 @@ import pytest
 import parhelion as ph
 from parhelion import atomic
 from parhelion.flatten import flatten
-from parhelion.image import encoded, largest_file, srgb_encoded
+from parhelion.image import CHANNELS, check_output, encoded, largest_file, srgb_encoded
 from picture_tools import read_picture
 
 ENDINGS = ["png", "jpg", "exr"]
@@ -112,6 +113,64 @@ def test_numbers_that_are_not_finite_survive_where_a_file_can_hold_them(
     np.testing.assert_array_equal(pixels, [[[0, 255, 255], [188, 188, 188]]])
 
 
+@pytest.fixture(scope="module")
+def featured() -> ph.Image:
+    # more rows than are written at a time
+    return ph.render(ph.weekend(), width=40, height=150, spp=2, features=True)
+
+
+def test_an_exr_file_has_a_layer_for_every_feature(featured: ph.Image, tmp_path: Path) -> None:
+    file = tmp_path / "a.exr"
+    featured.save(file)
+    assert featured.features.keys() == CHANNELS.keys()
+    for name, letters in CHANNELS.items():
+        stored, _ = read_picture(file, [f"{name}.{letter}" for letter in letters])
+        assert stored.dtype == np.float32
+        values = featured.features[name]
+        np.testing.assert_array_equal(stored, values.reshape(stored.shape), err_msg=name)
+    pixels, told = read_picture(file)
+    np.testing.assert_array_equal(pixels, featured.numpy())
+    shapes, materials = (json.loads(told[f"parhelion:{x}"]) for x in ("shapes", "materials"))
+    assert (shapes, materials) == (featured.flat.shape_names, featured.flat.material_names)
+    # what the indices mean: the lower half of the picture shows little but the ground
+    lowest = featured.features["shape"][-1]
+    assert shapes[np.bincount(lowest.astype(int)).argmax()] == "ground"
+
+
+@pytest.mark.filterwarnings("error")
+def test_16_bits_spare_the_features_that_need_more(featured: ph.Image, tmp_path: Path) -> None:
+    bright = dict(featured.features) | {"direct": featured.features["direct"] * np.float32(1e9)}
+    replace(featured, features=bright).save(tmp_path / "a.exr", bits=16)
+    for name, letters in CHANNELS.items():
+        stored, _ = read_picture(tmp_path / "a.exr", [f"{name}.{letter}" for letter in letters])
+        values = bright[name].reshape(stored.shape).astype(np.float32)
+        if name not in ("depth", "position", "uv", "shape", "material"):
+            values = np.minimum(values, 65504).astype(np.float16).astype(np.float32)
+        np.testing.assert_array_equal(stored, values, err_msg=name)
+    assert np.float16(read_picture(tmp_path / "a.exr")[0]).max() > 0.5
+
+
+def test_other_files_have_no_room_for_features(featured: ph.Image, tmp_path: Path) -> None:
+    featured.save(tmp_path / "a.png")
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.png")[0], featured.srgb())
+    check_output(tmp_path / "a.exr", features=True)
+    with pytest.raises(ph.SceneError, match=r"\.png cannot hold features \(choices: \.exr\)"):
+        check_output(tmp_path / "a.png", features=True)
+
+
+def test_features_are_written_a_few_rows_at_a_time() -> None:
+    noise = np.random.default_rng(5)
+    data = noise.random((700, 300, 3), np.float32)
+    layers = {name: noise.random((700, 300, len(c)), np.float32) for name, c in CHANNELS.items()}
+    tracemalloc.start()
+    content = encoded(data, {}, ".exr", layers)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    stacked = data.nbytes + sum(values.nbytes for values in layers.values())
+    assert len(content) > 0.5 * stacked
+    assert most < len(content) + 0.4 * stacked
+
+
 @pytest.mark.parametrize("size", [(1, 1), (1, 7), (9, 1)])
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_the_smallest_pictures(
@@ -186,6 +245,10 @@ def test_metadata(image: ph.Image, tmp_path: Path, ending: str) -> None:
         "vfov": 20,
         "aperture_radius": 0.0523604,
         "focus_distance": 10,
+        "projection": "perspective",
+        "height": None,
+        "shift": [0, 0],
+        "mirrored": False,
     }
     settings = json.loads(told["parhelion:settings"])
     assert (settings["width"], settings["height"], settings["sampler"]) == (48, 27, "sobol")
@@ -193,12 +256,25 @@ def test_metadata(image: ph.Image, tmp_path: Path, ending: str) -> None:
 
 def test_the_metadata_make_the_same_picture_again(tmp_path: Path) -> None:
     scene = ph.weekend().replace(camera=None)
-    first = ph.render(scene, width=40, spp=3, filter_radius=np.float32(1.25), crop=[3, 2, 30, 9])
-    first.save(tmp_path / "a.exr")
-    pixels, told = read_picture(tmp_path / "a.exr")
-    camera = ph.Camera(**json.loads(told["parhelion:camera"]))
-    again = ph.render(scene, camera=camera, **json.loads(told["parhelion:settings"]))
-    np.testing.assert_array_equal(again.numpy(), pixels)
+    flat = ph.Camera(
+        (3, 4, 9), projection="orthographic", height=np.float32(6), shift=np.ones(2), mirrored=True
+    )
+    for camera in (None, flat):
+        first = ph.render(
+            scene,
+            camera=camera,
+            width=40,
+            spp=3,
+            filter_radius=np.float32(1.25),
+            crop=[3, 2, 30, 9],
+            integrator="ao",
+            ao_distance=2.5,
+        )
+        first.save(tmp_path / "a.exr")
+        pixels, told = read_picture(tmp_path / "a.exr")
+        camera = ph.Camera(**json.loads(told["parhelion:camera"]))
+        again = ph.render(scene, camera=camera, **json.loads(told["parhelion:settings"]))
+        np.testing.assert_array_equal(again.numpy(), pixels)
 
 
 def test_arrays_in_a_camera_are_written_too(tmp_path: Path) -> None:

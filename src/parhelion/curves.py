@@ -42,6 +42,7 @@ def bezier_segments(curves: Curves, points: Any, radii: Any, where: str) -> tupl
             f"{where}: counts must be (S,) whole numbers whose sum is that of the points,"
             f" {len(points)}"
         )
+    counts = counts.astype(np.int64)
     if len(points) == 0:
         counts = counts[:0]
     bad = np.flatnonzero((counts < order) | ((counts - order) % step != 0))

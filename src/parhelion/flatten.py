@@ -6,7 +6,7 @@ Big arrays pass through uncopied where their type and layout already fit.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -62,6 +62,8 @@ class Flat:
                 h.update(np.ascontiguousarray(value).data)
             elif isinstance(value, Mapping):
                 for key in sorted(value):
+                    if key == "name" and isinstance(value[key], str):  # of a file, say: not seen
+                        continue
                     h.update(repr(key).encode())
                     add(value[key])
             elif isinstance(value, (list, tuple)):
@@ -215,12 +217,12 @@ class _Parts:
                 if key not in listed:
                     raise SceneError(f"{where}: {unknown_name('parameter', key, listed | COMMON)}")
             for p in entry.params:
-                value = params.get(p.name)
-                if isinstance(value, Texture):
+                given = params.get(p.name)
+                if isinstance(given, Texture):
                     if p.choices:
                         raise SceneError(f"{where}: parameter {p.name!r} cannot be a Texture")
                     record["bindings"].append(
-                        self.binding(value, p.size, offset, f"{where}: parameter {p.name!r}")
+                        self.binding(given, p.size, offset, f"{where}: parameter {p.name!r}")
                     )
                 elif p.name == "anisotropy" and record["block"][1][offset] != 0:
                     uses_uv = True
@@ -402,7 +404,7 @@ class _Parts:
     # --- Shapes ----------------------------------------------------------------------------------
 
     def shape(self, shape: Any) -> dict[str, Any]:
-        makers = {
+        makers: dict[type, Callable[[Any, str], dict[str, Any]]] = {
             Spheres: _spheres, Mesh: _mesh, Disks: _disks, Cylinders: _cylinders, Curves: _curves,
         }  # fmt: skip
         if type(shape) not in makers:
@@ -543,9 +545,9 @@ def _mesh(shape: Mesh, where: str) -> dict[str, Any]:
                 f"{where}: {key} has shape {array.shape}; must be ({len(vertices)}, {width}), one"
                 " for each vertex"
             )
-        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-        if bad.size:
-            raise SceneError(f"{where}: {key}[{bad[0]}] is not finite")
+        broken = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        if broken.size:
+            raise SceneError(f"{where}: {key}[{broken[0]}] is not finite")
         record[key] = array
     return record
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from . import options
 
@@ -18,7 +19,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     p.add_argument(
         "--materials",
         action="store_true",
-        help="instead: the types of materials and backgrounds, with their parameters",
+        help="instead: the types of materials, textures and lights, with their parameters",
     )
     options.add_logging(p)
     p.set_defaults(run=run)
@@ -52,15 +53,19 @@ def _scene(args: argparse.Namespace) -> str:
     def mib(size: float) -> str:
         return f"{size / 2**20:,.2f} MiB"
 
+    parts = prepared.flat.parts
     lines = [f"scene      {scene.name}"]
-    for group in prepared.flat.groups:
-        lines.append(f"  spheres  {len(group[1]):>12,}  {group[0]}")
-    if stats["spheres"]:
+    for record in parts["groups"][-1]:  # the scene itself; before it is what instances copy
+        lines.append(_shape(record, "  "))
+        if "group" in record:
+            lines += [_shape(part, "    ") for part in parts["groups"][record["group"]]]
+    if np.all(np.isfinite(high - low)):
         lines.append(f"bounds     {point(low)} to {point(high)}")
     lines += [
-        f"materials  {len(prepared.flat.materials)}",
-        f"lights     {stats['lights']}",
-        f"background {scene.background.type}",
+        f"materials  {len(parts['materials'])}",
+        f"textures   {len(parts['textures'])}, {len(parts['images'])} images",
+        f"lights     {stats['lights']:,}",
+        f"background {'none' if scene.background is None else scene.background.type}",
         f"camera     {chosen}eye {point(camera.eye)}, target {point(camera.target)}",
         f"settings   {settings.width}x{settings.height}, {settings.spp} spp",
         f"tree       {stats['nodes']:,} nodes, {stats['leaves']:,} leaves,"
@@ -72,15 +77,24 @@ def _scene(args: argparse.Namespace) -> str:
     return "\n".join(lines)
 
 
+def _shape(record: dict[str, Any], indent: str) -> str:
+    kind = "copies" if record["kind"] == "instance" else f"{record['kind']}s"
+    return f"{indent}{kind:<{12 - len(indent)}} {record['count']:>10,}  {record['name']}"
+
+
 def _materials() -> str:
     from ..tables import tables
 
     lines = []
-    for kind in ("materials", "backgrounds"):
+    for kind in ("materials", "textures", "lights"):
         lines.append(f"{kind}:")
         for entry in tables()[kind].values():
-            lines.append(f"  {entry.name}: {entry.doc}")
+            notes = [" (takes an image)"] * entry.image + [" (may be a background)"] * entry.outside
+            lines.append(f"  {entry.name}: {entry.doc}{''.join(notes)}")
             for p in entry.params:
-                preset = " ".join(f"{x:g}" for x in p.default)
-                lines.append(f"    {p.name} = {preset}  {p.doc} ({p.range()})")
+                if p.choices:
+                    preset, range = p.choices[int(p.default[0])], " or ".join(p.choices)
+                else:
+                    preset, range = " ".join(f"{x:g}" for x in p.default), p.range()
+                lines.append(f"    {p.name} = {preset}  {p.doc} ({range})")
     return "\n".join(lines)

@@ -20,6 +20,29 @@ def add_loading(parser: argparse.ArgumentParser) -> None:
         metavar="SCENE",
         help="scene or particle file; without one, the built-in scene `weekend`",
     )
+    group = parser.add_argument_group("scene files")
+    group.add_argument(
+        "-D",
+        dest="defines",
+        type=_define,
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="the value of a parameter of a Mitsuba scene; may be given again",
+    )
+    group.add_argument(
+        "--strict",
+        action="store_true",
+        help="what a scene asks for and is not supported is an error, not a warning",
+    )
+    group.add_argument(
+        "--allow-path",
+        dest="allow_paths",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="a folder, besides the scene's own, that its files may lie in; may be given again",
+    )
     group = parser.add_argument_group("particle files")
     group.add_argument("--color-by", metavar="FIELD", help="colour by this field of the particles")
     group.add_argument("--colormap", default="viridis", metavar="NAME", help="a Matplotlib name")
@@ -62,6 +85,9 @@ def load_options(args: argparse.Namespace) -> LoadOptions:
         radius=args.radius,
         ground=args.ground,
         frame=args.frame,
+        defines=dict(args.defines),
+        strict=args.strict,
+        allow_paths=tuple(args.allow_paths),
     )
 
 
@@ -88,6 +114,13 @@ def naming(args: argparse.Namespace, start: str = "") -> Iterator[None]:
         if args.scene is None or not text.startswith(start) or text.startswith(str(args.scene)):
             raise
         raise SceneError(f"{args.scene}: {text}") from error
+
+
+def _define(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not name or not equals:
+        raise argparse.ArgumentTypeError(f"{text!r}: NAME=VALUE is needed")
+    return name, value
 
 
 def _radius(text: str) -> float | str:

@@ -33,6 +33,11 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help=".png, .jpg (sRGB) or .exr (linear); default: the scene's name and .png",
     )
     p.add_argument("--bits", type=int, help="a channel: 8 or 16 for .png, 16 or 32 for .exr")
+    p.add_argument(
+        "--features",
+        action="store_true",
+        help="also depth, position, normals, albedo and so on, as layers of the .exr file",
+    )
     picture = p.add_argument_group("picture (default: what the scene says)")
     picture.add_argument("--width", type=int, metavar="N")
     picture.add_argument("--height", type=int, metavar="N")
@@ -52,6 +57,17 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     picture.add_argument(
         "--crop", type=_crop, metavar="X,Y,W,H", help="only this part, from the top left"
     )
+    picture.add_argument(
+        "--integrator",
+        metavar="NAME",
+        help="path: all light; direct: scattered once at most; ao: how open the surroundings are",
+    )
+    picture.add_argument(
+        "--ao-distance",
+        type=float,
+        metavar="LENGTH",
+        help="how far ao looks; default: any distance",
+    )
     work = p.add_argument_group("work (the picture does not depend on these)")
     work.add_argument(
         "-t", "--threads", type=int, default=0, metavar="N", help="default: all cores"
@@ -69,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
     from ..renderer import prepare, render
 
     output = args.output if args.output is not None else f"{_stem(args.scene)}.png"
-    check_output(output, args.bits)
+    check_output(output, args.bits, args.features)
     names = (
         "width",
         "height",
@@ -81,6 +97,8 @@ def run(args: argparse.Namespace) -> int:
         "filter_radius",
         "roulette",
         "crop",
+        "integrator",
+        "ao_distance",
     )
     settings = {name: getattr(args, name) for name in names}
     with options.naming(args):
@@ -106,6 +124,7 @@ def run(args: argparse.Namespace) -> int:
             schedule=args.schedule,
             tile=args.tile,
             progress=progress,
+            features=args.features,
             **settings,
         )
         image.save(output, bits=args.bits)
