@@ -86,6 +86,9 @@ PH_INLINE DirectSample sample_emitter(const SceneView& scene, Slot slot, Vec3 fr
       out.pdf = t.pdf * solid_angle_ratio(*instance, stretch);
     }
     out.radiance = emission(scene, *s.material, s, dot(out.direction, s.normal) < 0.0f);
+    if (scene.has_holes) {
+      out.radiance = out.radiance * clamp(opacity(scene, *s.material, s, 0.0f), 0.0f, 1.0f);
+    }
     return out;
   });
 }

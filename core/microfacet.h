@@ -37,7 +37,7 @@ PH_INLINE Microfacets microfacets(float roughness, float anisotropy, float distr
 PH_INLINE bool smooth(const Microfacets& d) { return max(d.alpha_u, d.alpha_v) <= kSmoothAlpha; }
 
 // Density of normals per unit area of the mean surface and steradian.
-PH_INLINE float normal_density(const Microfacets& d, Vec3 m) {
+inline float normal_density(const Microfacets& d, Vec3 m) {
   if (!(m.z > 0.0f)) return 0.0f;
   const float x = m.x / d.alpha_u, y = m.y / d.alpha_v, z2 = m.z * m.z;
   const float area = kPi * d.alpha_u * d.alpha_v;
@@ -47,7 +47,7 @@ PH_INLINE float normal_density(const Microfacets& d, Vec3 m) {
 }
 
 // Smith's G1: the share of a microsurface's facing area that is visible from w.
-PH_INLINE float visible_share(const Microfacets& d, Vec3 w) {
+inline float visible_share(const Microfacets& d, Vec3 w) {
   const float x = d.alpha_u * w.x, y = d.alpha_v * w.y, z2 = w.z * w.z;
   const float r2 = x * x + y * y;
   if (d.distribution == Facets::ggx) {
@@ -61,7 +61,7 @@ PH_INLINE float visible_share(const Microfacets& d, Vec3 w) {
 }
 
 // Density of the normals visible from wo, per steradian: that of sample_visible_normal.
-PH_INLINE float visible_density(const Microfacets& d, Vec3 wo, Vec3 m) {
+inline float visible_density(const Microfacets& d, Vec3 wo, Vec3 m) {
   const float facing = dot(wo, m);
   if (!(facing > 0.0f)) return 0.0f;
   return normal_density(d, m) * visible_share(d, wo) * facing / wo.z;
@@ -114,7 +114,7 @@ inline Vec3 sample_visible_normal(const Microfacets& d, Vec3 wo, Vec2 u) {
 PH_INLINE Vec3 mirrored(Vec3 wo, Vec3 m) { return m * (2.0f * dot(wo, m)) - wo; }
 
 // What masking leaves of light that leaves a visible normal towards wi: G / G1(wo).
-PH_INLINE float shadowing(const Microfacets& d, Vec3 wo, Vec3 wi, bool correlated) {
+inline float shadowing(const Microfacets& d, Vec3 wo, Vec3 wi, bool correlated) {
   const float i = visible_share(d, wi);
   if (!correlated) return i;
   const float o = visible_share(d, wo);
@@ -131,7 +131,7 @@ struct Reflection {
   float value, pdf;
 };
 
-PH_INLINE Reflection reflection(const Microfacets& d, Vec3 wo, Vec3 wi, bool correlated) {
+inline Reflection reflection(const Microfacets& d, Vec3 wo, Vec3 wi, bool correlated) {
   const Vec3 m = normalize(wo + wi);
   const float facing = dot(wo, m);
   if (!(facing > 0.0f)) return {m, 0.0f, 0.0f, 0.0f};
@@ -147,7 +147,7 @@ struct Cubic {
   float weight[4];
 };
 
-PH_INLINE Cubic cubic(float x, u32 n) {
+inline Cubic cubic(float x, u32 n) {
   const float at = clamp(x, 0.0f, 1.0f) * static_cast<float>(n - 1);
   const u32 whole = static_cast<u32>(at), k = whole < n - 2 ? whole : n - 2;
   const float f = at - static_cast<float>(k);
@@ -169,13 +169,13 @@ PH_INLINE float grid(const T* table, const Cubic& x) {
          0x1p-15f;
 }
 template <class T>
-PH_INLINE float grid(const T* table, const Cubic& y, const Cubic& x, u32 width) {
+inline float grid(const T* table, const Cubic& y, const Cubic& x, u32 width) {
   float sum = 0.0f;
   for (u32 i = 0; i < 4; ++i) sum += y.weight[i] * grid(table + (y.first + i) * width, x);
   return sum;
 }
 template <class T>
-PH_INLINE float grid(const T* table, const Cubic& z, const Cubic& y, const Cubic& x, u32 width) {
+inline float grid(const T* table, const Cubic& z, const Cubic& y, const Cubic& x, u32 width) {
   float sum = 0.0f;
   for (u32 i = 0; i < 4; ++i) {
     sum += z.weight[i] * grid(table + (z.first + i) * kAlphas * width, y, x, width);
@@ -185,8 +185,9 @@ PH_INLINE float grid(const T* table, const Cubic& z, const Cubic& y, const Cubic
 
 PH_INLINE float mean(Vec3 c) { return (c.x + c.y + c.z) * (1.0f / 3.0f); }
 
-PH_INLINE float index_coordinate(float eta) {
-  return sqrt(max(log(eta), 0.0f) * (1.0f / kLogMaxIndex));
+// The cubic root of ln(eta) / ln(10): indices near 1 need the most nodes.
+inline float index_coordinate(float eta) {
+  return pow(max(log(eta), 0.0f) * (1.0f / kLogMaxIndex), 1.0f / 3.0f);
 }
 
 PH_INLINE float angle_coordinate(float cosine, float alpha) {
@@ -202,10 +203,10 @@ PH_INLINE float mean_alpha(const Microfacets& d) {
   return isotropic(d) ? d.alpha_u : sqrt(d.alpha_u * d.alpha_v);
 }
 
-PH_INLINE Cubic alpha_place(float alpha) { return cubic(sqrt(alpha), kAlphas); }
+inline Cubic alpha_place(float alpha) { return cubic(sqrt(alpha), kAlphas); }
 
 // Reflection by metal times metal_gain(wo) metal_gain(wi) loses nothing, and is reciprocal.
-PH_INLINE float metal_gain(const Microfacets& d, Vec3 w) {
+inline float metal_gain(const Microfacets& d, Vec3 w) {
   if (!isotropic(d)) return 1.0f;
   const u16* table = kMetalEscape + static_cast<u32>(d.distribution) * kAlphas * kMetalAngles;
   const Cubic x = cubic(angle_coordinate(w.z, d.alpha_u), kMetalAngles);
@@ -214,7 +215,7 @@ PH_INLINE float metal_gain(const Microfacets& d, Vec3 w) {
 
 // What glass reflects and refracts together of the light from w; eta is the index of the other side
 // over that of w's own.
-PH_INLINE float glass_albedo(const Microfacets& d, Vec3 w, float eta) {
+inline float glass_albedo(const Microfacets& d, Vec3 w, float eta) {
   if (!isotropic(d)) return 1.0f;
   const u32 distribution = static_cast<u32>(d.distribution);
   const float alpha = d.alpha_u, z = min(abs(w.z), 1.0f);
@@ -249,7 +250,7 @@ struct Coat {
   Cubic index, alpha;
 };
 
-PH_INLINE Coat make_coat(const Microfacets& d, float eta) {
+inline Coat make_coat(const Microfacets& d, float eta) {
   return {d, eta, smooth(d), cubic(index_coordinate(eta), kIndices), alpha_place(mean_alpha(d))};
 }
 
@@ -258,7 +259,7 @@ struct CoatAlbedo {
   float reflected, refracted;
 };
 
-PH_INLINE CoatAlbedo coat_albedo(const Coat& c, Vec3 w) {
+inline CoatAlbedo coat_albedo(const Coat& c, Vec3 w) {
   const float share = fresnel_dielectric(min(abs(w.z), 1.0f), c.eta).reflected;
   if (c.smooth) return {share, 1.0f - share};
   const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kAlphas * kCoatAngles;
@@ -271,7 +272,7 @@ PH_INLINE CoatAlbedo coat_albedo(const Coat& c, Vec3 w) {
 }
 
 // The mean of what is reflected over diffuse light from outside.
-PH_INLINE float coat_mean(const Coat& c) {
+inline float coat_mean(const Coat& c) {
   const float share = grid(kSmoothMean, cubic(index_coordinate(c.eta), kFineIndices));
   if (c.smooth) return share;
   const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kAlphas;
@@ -279,7 +280,7 @@ PH_INLINE float coat_mean(const Coat& c) {
 }
 
 // And over diffuse light from within, in single bounces.
-PH_INLINE float coat_mean_within(const Coat& c) {
+inline float coat_mean_within(const Coat& c) {
   const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kAlphas;
   return grid(kCoatWithin + first, c.index, c.alpha, kAlphas);
 }

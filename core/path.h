@@ -36,10 +36,10 @@ PH_INLINE float power_heuristic(float own, float other) {
 
 // A ray from a surface, its origin beyond the reach of the point's rounding on the side it leaves.
 PH_INLINE Ray ray_from(const Surface& s, Vec3 direction) {
-  const bool inward = dot(direction, s.normal) < 0.0f;
+  const bool behind = dot(direction, s.normal) < 0.0f;
   Vec3 origin = s.point;
-  if (s.error > 0.0f) origin += s.normal * (inward ? -s.error : s.error);
-  return {origin, direction, s.slot, inward};
+  if (s.error > 0.0f) origin += s.normal * (behind ? -s.error : s.error);
+  return {origin, direction, s.slot, behind != s.shape->inside_out};
 }
 
 // Where a path stands: the light gathered so far, and the ray that goes on.
@@ -130,12 +130,13 @@ PH_INLINE float transmittance(const SceneView& scene, Ray ray, float distance, S
   return 0.0f;
 }
 
-// Light that arrives straight from a light and is scattered towards wo.
+// Light that arrives straight from a light, through the body that it reaches the surface in, and is
+// scattered towards wo.
 template <class Material>
 PH_INLINE Vec3 direct_light(const SceneView& scene, const RenderView& view, const Surface& s,
-                            const Material& material, const Frame& frame, Vec3 wo, Vec3 local_wo,
-                            const Receiver& receiver, const Sampler& sampler, u32 draw,
-                            PathStats& stats) {
+                            const MaterialRecord& record, const Material& material,
+                            const Frame& frame, Vec3 wo, Vec3 local_wo, const Receiver& receiver,
+                            Media media, const Sampler& sampler, u32 draw, PathStats& stats) {
   const Vec2 u = draw2(sampler, draw + kDrawLight);
   const Vec2 v = draw2(sampler, draw + kDrawLightPoint);
   const DirectSample light = sample_lights(scene, receiver, u, v);
@@ -148,7 +149,13 @@ PH_INLINE Vec3 direct_light(const SceneView& scene, const RenderView& view, cons
   const float through = transmittance(scene, ray, light.distance, light.slot, view.tree, stats);
   if (through == 0.0f) return {0, 0, 0};
   const float weight = light.delta ? 1.0f : power_heuristic(light.pdf, pdf(material, local_wo, wi));
-  return value * light.radiance * (through * weight / light.pdf);
+  Vec3 sum = value * light.radiance * (through * weight / light.pdf);
+  if constexpr (kTransmits<Material>) {
+    if (wi.z * local_wo.z < 0.0f) cross_boundary(scene, media, record, local_wo.z > 0.0f);
+  }
+  // A body that a ray leaves the scene from has no far side, for this ray as for the path's own.
+  if (finite(light.distance)) absorb(scene, media, light.distance, sum);
+  return sum;
 }
 
 // Light that the path's ray met by itself, weighed against the light sample that might have.
@@ -171,7 +178,9 @@ PH_INLINE bool scatter(const SceneView& scene, const RenderView& view, const Sur
   Frame frame = shading_frame(scene, record, s, wo, path.width);
   if constexpr (kTransmits<Material>) {
     if (!enter_boundary(scene, path.media, record, front, material)) {
-      // Within a body that takes precedence this surface is not there.
+      // Within a body that takes precedence this surface is not there. It does stop the rays that
+      // ask for light, so what lies behind it is found by scattering alone.
+      path.scatter_pdf = 0.0f;
       path.ray = ray_from(s, path.ray.direction);
       return true;
     }
@@ -185,8 +194,9 @@ PH_INLINE bool scatter(const SceneView& scene, const RenderView& view, const Sur
   const Receiver receiver = {s.point, kTransmits<Material> ? Vec3{0, 0, 0} : facing};
   const bool lit = asks_for_light(scene);
   if (lit && !is_delta(material)) {
-    path.sum += path.throughput * direct_light(scene, view, s, material, frame, wo, local_wo,
-                                               receiver, sampler, draw, stats);
+    path.sum +=
+        path.throughput * direct_light(scene, view, s, record, material, frame, wo, local_wo,
+                                       receiver, path.media, sampler, draw, stats);
   }
 
   // Scattering

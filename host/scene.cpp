@@ -341,7 +341,7 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
   };
   place.root = moved(tree.root);
   append(nodes_, std::move(tree.nodes));
-  if (node_base != 0) {
+  if (!groups_.empty()) {  // the first group stays where it is
     for (size_t n = node_base; n < nodes_.size(); ++n) {
       for (int lane = 0; lane < 16; ++lane) {
         if (nodes_[n].low[0][lane] <= nodes_[n].high[0][lane]) {

@@ -16,7 +16,7 @@ from statistics_tools import direction_chi_square, mean_p, proportion_p, sidak
 # Where within its range each scalar parameter is tried, besides its default; fewer where there are
 # many parameters.
 SHARES = (0.0, 0.001, 0.01, 0.1, 0.5, 1.0)
-FEW_SHARES = (0.0, 0.3, 1.0)
+FEW_SHARES = (0.0, 1.0)
 
 # Values of other parameters without which a parameter has no effect.
 CONTEXT: dict[tuple[str, str], dict[str, Any]] = {
@@ -76,7 +76,9 @@ def variants() -> list[tuple[str, dict[str, Any]]]:
             values: list[Any] = list(p.choices)
             if not values:
                 spread = {p.low + share * (p.high - p.low) for share in shares}
-                values = sorted(round(v, 6) for v in spread | {p.default[0]})
+                if len(scalars) < 8:
+                    spread.add(p.default[0])
+                values = sorted(round(v, 6) for v in spread)
             for v in values:
                 found.append((name, {**CONTEXT.get((name, p.name), {}), p.name: v}))
     unique = {repr(v): v for v in found + ALSO}
@@ -133,7 +135,7 @@ def gives_back(name: str, params: Mapping[str, Any]) -> bool:
 def test_samples_follow_their_density(name: str, params: dict[str, Any]) -> None:
     material = white(name, params)
     for i, wo in enumerate(OUTGOING):
-        count = 60_000
+        count = 40_000
         wi, weight, density, delta = _core.bsdf_sample(material, wo, 10 + i, count)
         alive = weight[:, 0] > 0
         if not alive.any():  # it reflects nothing
@@ -221,7 +223,7 @@ def albedo(material: Block, wo: np.ndarray, name: str, params: Mapping[str, Any]
 
 
 @pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
-@pytest.mark.parametrize("roughness", [0.4, 0.55, 0.7, 0.85, 1.0])
+@pytest.mark.parametrize("roughness", [0.55, 0.8, 1.0])
 @pytest.mark.parametrize(
     ("name", "params", "room"),
     [
@@ -465,11 +467,10 @@ def furnace(*shapes: ph.Spheres, roulette: bool, vfov: float = 19.0, seed: int =
     return image.numpy()
 
 
-@pytest.mark.parametrize("roulette", [False, True])
 @by_variant
-def test_white_furnace(name: str, params: dict[str, Any], roulette: bool) -> None:
+def test_white_furnace(name: str, params: dict[str, Any]) -> None:
     sphere = ph.Spheres([[0, 0, 0]], 1.0, white_material(name, params))
-    pixels = furnace(sphere, roulette=roulette)
+    pixels = furnace(sphere, roulette=True)
     assert np.all(np.isfinite(pixels))
     noise = 4 * pixels.std() / np.sqrt(pixels.size / 3)
     assert pixels.mean() < 1 + 1e-3 + noise

@@ -40,7 +40,7 @@ struct ConductorValue {
   float pdf;
 };
 
-PH_INLINE ConductorValue evaluate(const Conductor& m, const Microfacets& d, Vec3 wo, Vec3 wi) {
+inline ConductorValue evaluate(const Conductor& m, const Microfacets& d, Vec3 wo, Vec3 wi) {
   if (!(wo.z * wi.z > 0.0f)) return {{0, 0, 0}, 0.0f};
   wo.z = abs(wo.z);
   wi.z = abs(wi.z);
@@ -51,12 +51,12 @@ PH_INLINE ConductorValue evaluate(const Conductor& m, const Microfacets& d, Vec3
   return {m.color * share * r.value, r.pdf};
 }
 
-PH_INLINE Vec3 eval(const Conductor& m, Vec3 wo, Vec3 wi) {
+inline Vec3 eval(const Conductor& m, Vec3 wo, Vec3 wi) {
   const Microfacets d = microfacets(m);
   return smooth(d) ? Vec3{0, 0, 0} : evaluate(m, d, wo, wi).value;
 }
 
-PH_INLINE float pdf(const Conductor& m, Vec3 wo, Vec3 wi) {
+inline float pdf(const Conductor& m, Vec3 wo, Vec3 wi) {
   const Microfacets d = microfacets(m);
   if (smooth(d) || !(wo.z * wi.z > 0.0f)) return 0.0f;
   wo.z = abs(wo.z);
@@ -64,8 +64,7 @@ PH_INLINE float pdf(const Conductor& m, Vec3 wo, Vec3 wi) {
   return reflection(d, wo, wi, false).pdf;
 }
 
-PH_INLINE bool sample(const Conductor& m, Vec3 wo, const Sampler& sampler, u32 draw,
-                      BsdfSample& out) {
+inline bool sample(const Conductor& m, Vec3 wo, const Sampler& sampler, u32 draw, BsdfSample& out) {
   const Microfacets d = microfacets(m);
   if (smooth(d)) {
     out.wi = {-wo.x, -wo.y, wo.z};

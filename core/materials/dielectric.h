@@ -45,8 +45,8 @@ struct DielectricValue {
 };
 
 // wo above the surface; eta is the index of the side below over that above.
-PH_INLINE DielectricValue evaluate(const Dielectric& m, const Microfacets& d, float eta, Vec3 wo,
-                                   Vec3 wi) {
+inline DielectricValue evaluate(const Dielectric& m, const Microfacets& d, float eta, Vec3 wo,
+                                Vec3 wi) {
   const bool reflects = wi.z > 0.0f;
   if (!(wo.z > 0.0f) || wi.z == 0.0f) return {{0, 0, 0}, 0.0f};
   // Each half vector is the normal of the facet that takes wo to wi.
@@ -71,7 +71,7 @@ PH_INLINE DielectricValue evaluate(const Dielectric& m, const Microfacets& d, fl
   return {m.color * m.transmittance * (p * left / (eta * eta)), p};
 }
 
-PH_INLINE DielectricValue evaluate(const Dielectric& m, Vec3 wo, Vec3 wi) {
+inline DielectricValue evaluate(const Dielectric& m, Vec3 wo, Vec3 wi) {
   const Microfacets d = microfacets(m);
   if (smooth(m, d)) return {{0, 0, 0}, 0.0f};
   const float side = copysign(1.0f, wo.z);
@@ -80,11 +80,11 @@ PH_INLINE DielectricValue evaluate(const Dielectric& m, Vec3 wo, Vec3 wi) {
   return evaluate(m, d, side > 0.0f ? m.ior : 1.0f / m.ior, wo, wi);
 }
 
-PH_INLINE Vec3 eval(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
-PH_INLINE float pdf(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
+inline Vec3 eval(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
+inline float pdf(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
-PH_INLINE bool sample(const Dielectric& m, Vec3 wo, const Sampler& sampler, u32 draw,
-                      BsdfSample& out) {
+inline bool sample(const Dielectric& m, Vec3 wo, const Sampler& sampler, u32 draw,
+                   BsdfSample& out) {
   const Microfacets d = microfacets(m);
   const float side = copysign(1.0f, wo.z);
   const float eta = side > 0.0f ? m.ior : 1.0f / m.ior;  // far side over near side

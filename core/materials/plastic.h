@@ -54,7 +54,7 @@ struct PlasticValue {
 };
 
 // Both directions above the surface.
-PH_INLINE PlasticValue evaluate(const Plastic& m, const Coat& c, Vec3 wo, Vec3 wi) {
+inline PlasticValue evaluate(const Plastic& m, const Coat& c, Vec3 wo, Vec3 wi) {
   const CoatAlbedo o = coat_albedo(c, wo), i = coat_albedo(c, wi);
   const float chance = coat_chance(m, o);
   float through = (1.0f - o.reflected) * (1.0f - i.reflected);
@@ -80,16 +80,15 @@ PH_INLINE PlasticValue evaluate(const Plastic& m, const Coat& c, Vec3 wo, Vec3 w
   return r;
 }
 
-PH_INLINE PlasticValue evaluate(const Plastic& m, Vec3 wo, Vec3 wi) {
+inline PlasticValue evaluate(const Plastic& m, Vec3 wo, Vec3 wi) {
   if (!(wo.z * wi.z > 0.0f)) return {{0, 0, 0}, 0.0f};
   return evaluate(m, coat(m), {wo.x, wo.y, abs(wo.z)}, {wi.x, wi.y, abs(wi.z)});
 }
 
-PH_INLINE Vec3 eval(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
-PH_INLINE float pdf(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
+inline Vec3 eval(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
+inline float pdf(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
-PH_INLINE bool sample(const Plastic& m, Vec3 wo, const Sampler& sampler, u32 draw,
-                      BsdfSample& out) {
+inline bool sample(const Plastic& m, Vec3 wo, const Sampler& sampler, u32 draw, BsdfSample& out) {
   const Coat c = coat(m);
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
   const CoatAlbedo of = coat_albedo(c, above);

@@ -267,12 +267,12 @@ inline PrincipledValue evaluate(const Principled& m, const Layers& l, Vec3 wi) {
   return r;
 }
 
-PH_INLINE PrincipledValue evaluate(const Principled& m, Vec3 wo, Vec3 wi) {
+inline PrincipledValue evaluate(const Principled& m, Vec3 wo, Vec3 wi) {
   return evaluate(m, layers(m, wo), to_facets(m, wi, copysign(1.0f, wo.z)));
 }
 
-PH_INLINE Vec3 eval(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
-PH_INLINE float pdf(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
+inline Vec3 eval(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
+inline float pdf(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
 inline bool sample(const Principled& m, Vec3 wo, const Sampler& sampler, u32 draw,
                    BsdfSample& out) {

@@ -26,7 +26,7 @@ kept as a histogram over the table's own coordinate, and interpolated as the ren
 All are interpolated by Catmull and Rom's cubics.
 
 Coordinates. Angles from the normal: t^2 = z (1 + 2 alpha) / (z + 2 alpha), where losses of all
-small alphas look alike. Alphas: their roots. Index: sqrt(ln(eta) / ln(10)).
+small alphas look alike. Alphas: their roots. Index: the cubic root of ln(eta) / ln(10).
 """
 
 import numpy as np
@@ -186,7 +186,7 @@ def metal_table(kind):
 
 
 def indices(count=INDICES):
-    return MAX_INDEX ** (np.linspace(0, 1, count) ** 2)
+    return MAX_INDEX ** (np.linspace(0, 1, count) ** 3)
 
 
 def inner_nodes(alpha, eta):
@@ -207,7 +207,7 @@ def glass_tables(kind):
     """(INDICES, alphas, angles) of the thin side and (INDICES, alphas, 2 angles) of the dense."""
     outer = np.zeros((INDICES, ALPHAS, OUTER_ANGLES))
     inner = np.zeros((INDICES, ALPHAS, 2 * INNER_ANGLES))
-    etas = np.maximum(indices(), 1 + 1e-4)  # the limit; 1 itself would have no dense side
+    etas = np.maximum(indices(), 1 + 1e-5)  # the limit; 1 itself would have no dense side
     for k, alpha in enumerate(alphas()):
         for j, z in enumerate(angle_nodes(OUTER_ANGLES, alpha)):
             rows = Rows(kind, alpha, z)
