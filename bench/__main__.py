@@ -12,7 +12,7 @@ from typing import Any
 
 from parhelion.machine import describe, load_average
 
-from .measure import GROUPS, PEERS, Notes, Plan
+from .measure import ASKED, GROUPS, PEERS, Notes, Plan
 from .scenes import WEEKEND, BenchError, read_weekend
 from .summary import Row, table
 
@@ -27,7 +27,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--spheres", type=Path, default=WEEKEND, metavar="FILE", help="the weekend scene"
     )
-    p.add_argument("--only", type=_names(GROUPS), default=tuple(GROUPS), metavar="GROUP,...")
+    timed = tuple(name for name in GROUPS if name not in ASKED)
+    p.add_argument("--only", type=_names(GROUPS), default=timed, metavar="GROUP,...")
     p.add_argument("--peers", type=_names(PEERS), default=tuple(PEERS), metavar="NAME,...|none")
     p.add_argument("--rounds", type=_count, default=d.rounds, help=f"default {d.rounds}")
     p.add_argument("--width", type=_count, default=d.width)
@@ -37,7 +38,12 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--threads", type=_count, default=d.threads)
     p.add_argument("--reference-spp", type=_count, default=d.reference_spp)
     p.add_argument("--long", action="store_true", help="clouds of 1e7 spheres too")
-    p.add_argument("--cache", type=Path, default=d.cache, help="folder of converged references")
+    p.add_argument(
+        "--cache",
+        type=Path,
+        default=d.cache,
+        help="folder of converged references, and of what the group references writes",
+    )
     p.add_argument(
         "-o", "--output", type=Path, metavar="FILE.json", help="default: bench-TIME.json"
     )

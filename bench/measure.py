@@ -16,7 +16,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from .lights import lights
 from .process import Worker, run, start_seconds
+from .references import references
 from .scenes import BenchError
 from .summary import Row, ratios
 
@@ -200,7 +202,12 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
     "startup": startup,
     "clouds": clouds,
     "error": error,
+    "lights": lights,
+    "references": references,
 }
+
+# What is not measured unless it is asked for: no seconds, but whether pictures are right.
+ASKED = ("references",)
 
 
 def alternate(

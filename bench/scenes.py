@@ -70,3 +70,20 @@ def cloud(count: int) -> tuple[np.ndarray, float]:
 
     centers = np.random.default_rng(1).random((count, 3), dtype=np.float32)
     return centers, 0.25 * count ** (-1 / 3)
+
+
+# Side of the floor's part that a picture of lamps shows.
+LAMP_FLOOR = 2.0
+
+
+def lamps(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles over a floor, (count, 3, 3) of vertices, and the radiance of each, (count,).
+
+    All together are as large however many there are, and so small that none hides another.
+    """
+    import numpy as np
+
+    rng = np.random.default_rng(3)
+    centers = rng.uniform((-1.5, 0.5, -1.5), (1.5, 1.5, 1.5), (count, 3))
+    corners = rng.normal(size=(count, 3, 3)) * (2e-3 / np.sqrt(count))
+    return centers[:, None] + corners, rng.uniform(0, 2e6, count)

@@ -48,7 +48,11 @@ def ratios(values: Sequence[float], base: Sequence[float]) -> list[float]:
 def table(rows: Sequence[Row]) -> str:
     """The rows as a Markdown table, padded so that it also reads well in a terminal."""
     cells = [["what", "median", "min to max", "unit", "ratio (min to max)", "asked"]]
-    cells += [_cells(row) for row in rows]
+    return markdown(cells + [_cells(row) for row in rows])
+
+
+def markdown(cells: Sequence[Sequence[str]]) -> str:
+    """Lines of a Markdown table, the first its head."""
     widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
     lines = [_line(line, widths) for line in cells]
     lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")

@@ -26,7 +26,7 @@ LIBRARIES = (
 
 
 def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]], dict[str, Any]]]:
-    """A job has "spheres", the path of a weekend file, and "variant"."""
+    """A job has "variant", and "spheres", the path of a weekend file, or "xml", that of a scene."""
     if job["variant"].startswith("llvm") and "DRJIT_LIBLLVM_PATH" not in os.environ:
         found = sorted((p for pattern in LIBRARIES for p in glob(pattern)), key=_llvm_version)
         if not found:
@@ -41,9 +41,11 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
     mi.set_log_level(mi.LogLevel.Error)
     # With fewer than 4 threads its pool has been seen to hang; the worker's affinity limits cores.
     dr.set_thread_count(max(4, job["threads"]))
-    scene = mi.load_dict(
-        _weekend(mi, np, read_weekend(Path(job["spheres"]), fuzz=job["fuzz"]), job)
-    )
+    if "xml" in job:
+        scene = _of_file(mi, job)
+    else:
+        weekend = read_weekend(Path(job["spheres"]), fuzz=job["fuzz"])
+        scene = mi.load_dict(_weekend(mi, np, weekend, job))
 
     def render(request: dict[str, Any]) -> dict[str, Any]:
         sizes = [PART_SPP] * (request["spp"] // PART_SPP)
@@ -70,6 +72,24 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
 
 def _llvm_version(path: str) -> list[int]:
     return [int(n) for n in re.findall(r"\d+", Path(path).name)]
+
+
+def _of_file(mi: Any, job: dict[str, Any]) -> Any:
+    """The scene of an XML file, its picture of the job's size and with a box filter."""
+    path = Path(job["xml"])
+    mi.file_resolver().prepend(str(path.parent))
+    config = mi.parser.ParserConfig(job["variant"])
+    state = mi.parser.parse_file(config, str(path), **job["defines"])
+    mi.parser.transform_all(config, state)
+    for node in state.nodes:
+        if node.type == mi.ObjectType.ReconstructionFilter:
+            for name in list(node.props.keys()):
+                del node.props[name]
+            node.props.set_plugin_name("box")
+        elif node.type == mi.ObjectType.Film:
+            node.props["width"], node.props["height"] = job["width"], job["height"]
+    scene = mi.parser.instantiate(config, state)
+    return scene[0] if isinstance(scene, list) else scene
 
 
 def _weekend(mi: Any, np: Any, weekend: Weekend, job: dict[str, Any]) -> dict[str, Any]:

@@ -11,14 +11,24 @@ import numpy as np
 
 import parhelion as ph
 from parhelion import _core
+from parhelion.io import LoadOptions
 
-from ..scenes import Weekend, cloud, read_weekend
+from ..scenes import LAMP_FLOOR, Weekend, cloud, lamps, read_weekend
 
 
 def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]], dict[str, Any]]]:
-    """A job has either "spheres", the path of a weekend file, or "cloud", a number of spheres."""
-    if "cloud" in job:
+    """A job has either "spheres", the path of a weekend file, or "cloud", a number of spheres, or
+    "lamps", a number of small lights over a floor, or "xml", the path of a Mitsuba scene with
+    "defines", and "allow", a folder its files may lie in.
+    """
+    if "xml" in job:
+        scene = ph.load(
+            job["xml"], LoadOptions(defines=job["defines"], allow_paths=(job["allow"],))
+        )
+    elif "cloud" in job:
         scene = cloud_scene(job["cloud"])
+    elif "lamps" in job:
+        scene = lamp_scene(job["lamps"])
     else:
         scene = weekend_scene(read_weekend(Path(job["spheres"]), fuzz=job["fuzz"]))
     prepared = ph.prepare(scene)
@@ -29,9 +39,11 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
             width=job["width"],
             height=job["height"],
             filter="box",
+            filter_radius=0.5,
             spp=request["spp"],
             seed=request["seed"],
-            **{"threads": job["threads"], "max_depth": job["depth"], **request["options"]},
+            max_depth=job.get("depth"),
+            **{"threads": job["threads"], **request["options"]},
         )
         if request["save"]:
             np.save(request["save"], image.numpy())
@@ -85,3 +97,25 @@ def cloud_scene(count: int) -> ph.Scene:
     camera = ph.Camera(eye=(0.5, 0.5, 3.0), target=(0.5, 0.5, 0.5), vfov=30.0)
     white = ph.Background("constant", radiance=(1.0, 1.0, 1.0))
     return ph.Scene([spheres], camera=camera, background=white)
+
+
+def lamp_scene(count: int) -> ph.Scene:
+    """A white floor under small lamps, seen from just above it, so that none is in the way."""
+    vertices, radiance = lamps(count)
+    shining = ph.Mesh(
+        vertices.reshape(-1, 3),
+        np.arange(3 * count).reshape(-1, 3),
+        material=ph.Material("emissive"),
+        colors=np.repeat(radiance[:, None], 3, axis=1),
+    )
+    corners = [[-50, 0, 50], [60, 0, 50], [60, 0, -50], [-50, 0, -50]]
+    white = ph.Material("diffuse", color=(1.0, 1.0, 1.0))
+    floor = ph.Mesh(corners, [[0, 1, 2], [0, 2, 3]], material=white)
+    camera = ph.Camera(
+        eye=(0.0, 0.01, 0.0),
+        target=(0.0, 0.0, 0.0),
+        up=(0.0, 0.0, -1.0),
+        projection="orthographic",
+        height=LAMP_FLOOR,
+    )
+    return ph.Scene([floor, shining], camera=camera, background=None)
