@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         Spheres,
         Texture,
     )
+    from .spectra import conductor
 
 _HOMES = {
     "FormatError": "errors",
@@ -64,6 +65,7 @@ _HOMES = {
     "Scene": "scene",
     "Settings": "scene",
     "Spheres": "scene",
+    "conductor": "spectra",
     "weekend": "builtin",
 }
 
@@ -90,6 +92,7 @@ __all__ = [
     "Settings",
     "Spheres",
     "Texture",
+    "conductor",
     "load",
     "prepare",
     "render",

@@ -290,7 +290,7 @@ class _Parts:
         channel = texture.params.get("channel", "rgb")
         if channel not in _CHANNELS:
             raise SceneError(f"{where}: texture: {unknown_name('channel', channel, _CHANNELS)}")
-        data = data or (size == 1 and channel != "rgb" and channel != "luminance")
+        data = data or size == 1
         return {
             "texture": self.texture_index(texture, f"{where}: texture", data),
             "offset": offset,

@@ -130,7 +130,7 @@ class Texture(_Entry):
         row at the top (v = 1), or the path of a picture file. Integers count from 0 to the largest
         of their type.
     color_space: of the image: "srgb" is decoded, "linear" taken as it is; "auto", the default, is
-        srgb for the colours of 8-bit images and linear for all else.
+        srgb for the colours of 8-bit images and linear for all else, such as numbers and normals.
     transform: (2, 3) or (3, 3) matrix applied to a surface's (u, v, 1) before the lookup.
     channel: "rgb" (default), "luminance", "r", "g", "b" or "a": what to take where the parameter is
         a number; a number from "rgb" is the luminance.

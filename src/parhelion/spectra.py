@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .errors import SceneError, unknown_name
+from .scene import Material
 
 if TYPE_CHECKING:
     import numpy as np
@@ -139,3 +140,12 @@ def metal(name: str) -> tuple[Color, Color]:
         raise SceneError(unknown_name("metal", name, metals()))
     nm, n, k = table
     return unbounded(nm, n), unbounded(nm, k)
+
+
+def conductor(metal_name: str, **params: Any) -> Material:
+    """A conducting Material with the measured eta and k of a metal, by its symbol: "Au", say.
+
+    Raises SceneError for an unknown name.
+    """
+    eta, k = metal(metal_name)
+    return Material("conductor", eta=eta, k=k, **params)
