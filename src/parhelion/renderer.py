@@ -152,6 +152,8 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
             changes["height"] = max(1, round(_side("width", changes["width"]) * height / width))
         else:
             changes["width"] = max(1, round(_side("height", changes["height"]) * width / height))
+    if "filter" in changes and changes["filter"] != base.filter:  # another's radius says nothing
+        changes = {"filter_radius": None, **changes}
     s = replace(base, **changes)
     if not isinstance(s.roulette, (bool, np.bool_)):
         raise SceneError(f"roulette is {s.roulette!r}; must be True or False")
