@@ -373,7 +373,7 @@ std::vector<float> presets(LightKind kind) {
   return with_light(block, []<class Light>(const Light&) {
     std::vector<float> values;
     for (const ParamInfo& p : Light::params) {
-      values.insert(values.end(), p.preset, p.preset + p.size);
+      for (int i = 0; i < p.size; ++i) values.push_back(p.preset[i]);
     }
     CHECK(values.size() * sizeof(float) == sizeof(Light));
     return values;
