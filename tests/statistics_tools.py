@@ -74,7 +74,9 @@ def direction_chi_square(
     heights = _one_minus_cosine(pilot, frame[2])
     rings = np.quantile(heights, np.linspace(0, 1, bins[0] * QUADRATURE))
     rings[0] = 0.0
-    rings = np.append(rings, min(2.0, 1.1 * rings[-1]))  # what lies beyond the pilot's farthest
+    # and one for what lies beyond the pilot's farthest
+    farthest = max(rings[-1], _one_minus_cosine(rest, frame[2]).max())
+    rings = np.append(rings, min(2.0, 1.1 * farthest))
     edges = [rings[::QUADRATURE], np.linspace(0, 1, bins[1] + 1)]
 
     turns = np.arctan2(rest @ frame[1], rest @ frame[0]) / (2 * np.pi) % 1.0

@@ -55,6 +55,7 @@ def test_core_compiles_to_a_cubin(architecture: str) -> None:
         b"--device-as-default-execution-space",
         b"--fmad=false",  # as on the CPU: no contraction, the same bits everywhere
         b"-DPH_ISA=cuda",
+        b"--device-debug",  # no optimisation, which takes minutes: this is about compiling at all
     ]
     texts = (ctypes.c_char_p * len(options))(*options)
     result = nvrtc.nvrtcCompileProgram(program, len(options), texts)

@@ -14,7 +14,9 @@ from parhelion import tables
 STEEL = "material 'steel'"
 
 
-@pytest.mark.parametrize("kind", ["materials", "backgrounds", "samplers", "filters"])
+@pytest.mark.parametrize(
+    "kind", ["materials", "textures", "lights", "backgrounds", "samplers", "filters"]
+)
 def test_every_entry_is_complete(kind: str) -> None:
     entries = tables.tables()[kind]
     assert entries
@@ -33,7 +35,9 @@ def test_every_entry_is_complete(kind: str) -> None:
             defaults = {p.name: p.default for p in entry.params}
             assert tables.check(kind, name, {}, where) == defaults
             for p in entry.params:
-                for end in (p.low, p.high):
+                for i, choice in enumerate(p.choices):
+                    assert tables.check(kind, name, {p.name: choice}, where)[p.name] == (i,)
+                for end in () if p.choices else (p.low, p.high):
                     if math.isfinite(end):
                         value = end if p.size == 1 else [end] * p.size
                         checked = tables.check(kind, name, {p.name: value}, where)

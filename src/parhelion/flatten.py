@@ -134,10 +134,6 @@ def block(kind: str, name: str, params: Mapping[str, Any], where: str) -> Block:
     return list(tables.tables()[kind]).index(name), [x for v in values.values() for x in v]
 
 
-def _emissive() -> int:
-    return list(tables.tables()["materials"]).index("emissive")
-
-
 @dataclass
 class _Parts:
     """What has been gathered so far."""
@@ -201,14 +197,6 @@ class _Parts:
             if own in (first, second):
                 raise SceneError(f"{where}: is a blend of itself")
             record["blend_first"], record["blend_second"] = first, second
-            for part, i in (("a", first), ("b", second)):
-                r = self.materials[i]
-                if any(r.get("emission", ())) or r.get("block", (0,))[0] == _emissive():
-                    raise SceneError(
-                        f"{where}: {part} shines; give the emission to the blend itself"
-                    )
-                if r.get("opacity", 1.0) < 1.0 or "opacity_texture" in r:
-                    raise SceneError(f"{where}: {part} has holes; give the opacity to the blend")
             value, texture = self._number(params.get("weight", 0.5), 0.0, 1.0, f"{where}: weight")
             record["blend_weight"] = value
             if texture is not None:
