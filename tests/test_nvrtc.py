@@ -42,7 +42,7 @@ def library() -> ctypes.CDLL:
     pytest.skip("the nvidia-cuda-nvrtc wheel has no library for this platform")
 
 
-@pytest.mark.parametrize("architecture", ["sm_80", "sm_90"])
+@pytest.mark.parametrize("architecture", ["sm_90"])  # each takes over a minute
 def test_core_compiles_to_a_cubin(architecture: str) -> None:
     nvrtc = library()
     program = ctypes.c_void_p()
