@@ -202,6 +202,14 @@ def test_a_material_by_name_by_itself_and_by_index() -> None:
             r"counts\[0\] is 3; a bspline strand has at least 4 control points",
         ),
         (
+            ph.Scene([ph.Curves(np.ones((5, 3)), [1, 1, -2, 1, 1])]),
+            r"shape 'curves': radii\[2\] is -2.0; must be finite and greater than 0",
+        ),
+        (
+            ph.Scene([ph.Curves([[0, 0, 0]] * 3 + [[0, np.nan, 0]])]),
+            r"shape 'curves': points\[3\] is \[.*\]; must be finite",
+        ),
+        (
             ph.Scene([ph.Instances([ph.Spheres([[0, 0, 0]])], np.eye(4))]),
             r"transforms has shape \(4, 4\); must be \(N, 3, 4\) or \(N, 4, 4\)",
         ),

@@ -29,8 +29,16 @@ _BASES: dict[str, tuple[int, int, Any]] = {
 def bezier_segments(curves: Curves, points: Any, radii: Any, where: str) -> tuple[Any, ...]:
     """(S, 4, 3) control points, (S, 4) radii, (S, 2) shares along the strand, (S,) flags.
 
-    points: (P, 3), radii: (P,). Raises SceneError for counts that do not fit the basis.
+    points: (P, 3), radii: (P,). Raises SceneError for counts that do not fit the basis, and for
+    bad numbers by their control point, which segments no longer show.
     """
+    for name, values, sound, must in (
+        ("points", points, np.isfinite(points).all(axis=1), "be finite"),
+        ("radii", radii, np.isfinite(radii) & (radii > 0), "be finite and greater than 0"),
+    ):
+        if not sound.all():
+            at = int(np.argmin(sound))
+            raise SceneError(f"{where}: {name}[{at}] is {values[at]}; must {must}")
     if curves.basis not in _BASES:
         raise SceneError(f"{where}: {unknown_name('basis', curves.basis, _BASES)}")
     if curves.style not in ("round", "flat"):
@@ -65,7 +73,8 @@ def bezier_segments(curves: Curves, points: Any, radii: Any, where: str) -> tupl
         flags = np.full(len(strand), FLAT)
     else:
         # A linear strand has a corner at each joint, which a sphere fills.
-        joints = curves.basis == "linear"
-        flags = np.where((within == 0) | joints, CAP_START, 0)
-        flags = flags + np.where((within == total - 1) | joints, CAP_END, 0)
+        corner = curves.basis == "linear"
+        starts, ends = within == 0, within == total - 1
+        flags = np.where(np.where(starts, curves.capped, corner), CAP_START, 0)
+        flags = flags + np.where(np.where(ends, curves.capped, corner), CAP_END, 0)
     return controls, widths, along, flags.astype(np.float64)

@@ -263,7 +263,8 @@ class Curves:
     points: (P, 3) control points of all strands, one strand after the other. radii: (P,) or one
     number for all. counts: (S,) control points of each strand; None is a single strand.
     basis: "linear", "bezier" (3 k + 1 points a strand) or "bspline" (uniform cubic, at least 4).
-    style: "round", tubes with round ends, or "flat", ribbons that face the ray.
+    style: "round", tubes, or "flat", ribbons that face the ray. capped: half spheres close the ends
+    of tubes; False leaves them open.
     material: as in Spheres; arrays have one element a segment.
     """
 
@@ -272,6 +273,7 @@ class Curves:
     counts: ArrayLike | None = None
     basis: str = "bspline"
     style: str = "round"
+    capped: bool = True
     material: str | Material | ArrayLike = field(default_factory=lambda: Material("diffuse"))
     colors: ArrayLike | None = None
     name: str = "curves"

@@ -306,8 +306,9 @@ class Curves(Struct, forbid_unknown_fields=True, tag_field="type", tag="curves")
         _doc("bezier has 3 k + 1 points a strand, bspline at least 4"),
     ] = "bspline"
     style: Annotated[
-        Literal["round", "flat"], _doc("tubes with round ends, or ribbons that face the ray")
+        Literal["round", "flat"], _doc("round: tubes; flat: ribbons that face the ray")
     ] = "round"
+    capped: Annotated[bool, _doc("tubes end in half spheres; false: open")] = True
     material: Annotated[Name | list[Name] | InlineMaterial, _MATERIAL] = msgspec.field(
         default_factory=_diffuse
     )

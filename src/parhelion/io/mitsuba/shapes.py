@@ -311,6 +311,7 @@ def _curves(basis: str, fewest: int) -> Callable[[Reader, Object], Sequence[Shap
                 radii=points[:, 3],  # which Mitsuba does not scale
                 counts=counts,
                 basis=basis,
+                capped=False,
                 **_common(r, o, path.stem),
             )
         ]
