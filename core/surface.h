@@ -181,11 +181,11 @@ PH_INLINE Surface surface_at(const SceneView& scene, const Ray& ray, const Hit& 
   Surface s;
   s.slot = hit.slot;
   const Instance* instance = instance_of(scene, hit.slot);
-  GroupRay local = {ray, 1.0f};
+  GroupRay local = {ray, 1.0f, 0.0f};
   if (instance) local = into_group(*instance, hit.slot.instance, ray);
   with_primitive(scene, hit.slot, [&](const auto& shape, u32 id) {
     SurfacePoint p;
-    surface(shape, local.ray, hit.t * local.stretch, p);
+    surface(shape, local.ray, hit.t * local.stretch - local.skipped, p);
     complete(scene, shape, id, p, instance, s);
   });
   return s;
@@ -269,6 +269,12 @@ PH_INLINE ParamBlock parameters(const SceneView& scene, const MaterialRecord& m,
     }
   }
   return block;
+}
+
+// The color of a clear material: share of the light that passes.
+PH_INLINE Vec3 tint(const SceneView& scene, const MaterialRecord& m, const Surface& s,
+                    float width) {
+  return has_color(s.color) ? s.color : block_color(parameters(scene, m, s, width));
 }
 
 // Radiance that the surface gives off on the side it is seen from.

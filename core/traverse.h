@@ -29,10 +29,10 @@ PH_INLINE Vec3 transform_normal(const float (&m)[12], Vec3 n) {
           m[2] * n.x + m[6] * n.y + m[10] * n.z};
 }
 
-// A ray as an instance's group sees it, and the group's units per unit of the ray's distance.
+// A ray as an instance's group sees it: a distance t of the ray is stretch * t - skipped here.
 struct GroupRay {
   Ray ray;
-  float stretch;
+  float stretch, skipped;
 };
 
 PH_INLINE GroupRay into_group(const Instance& instance, u32 index, const Ray& ray) {
@@ -40,8 +40,12 @@ PH_INLINE GroupRay into_group(const Instance& instance, u32 index, const Ray& ra
   const float stretch = length(d);
   const Slot self =
       ray.self.instance == index ? Slot{ray.self.leaf, ray.self.lane, kNone} : kNoSlot;
-  return {{transform_point(instance.to_group, ray.origin), d * (1.0f / stretch), self, ray.inward},
-          stretch};
+  const Vec3 direction = d * (1.0f / stretch);
+  // From far away the ray starts anew before the group, which lies within 1 of 0 along each axis:
+  // the rounding of all tests is bounded by the size of what they are about.
+  const Vec3 origin = transform_point(instance.to_group, ray.origin);
+  const float skipped = max(-dot(origin, direction) - 2.0f, 0.0f);
+  return {{origin + direction * skipped, direction, self, ray.inward}, stretch, skipped};
 }
 
 // A block's hits that are nearer than the best so far. With kAny, true at the first hit.
@@ -77,7 +81,9 @@ inline bool test_instance(const SceneView& scene, u32 index, const Ray& ray, boo
                           NearestHit& best) {
   const Instance& instance = scene.instances[index];
   const GroupRay local = into_group(instance, index, ray);
-  NearestHit inside = {{best.hit.t * local.stretch, kNoSlot}, kNone, kNoSlot};
+  const float limit = best.hit.t * local.stretch - local.skipped;
+  if (!(limit > 0.0f)) return false;
+  NearestHit inside = {{limit, kNoSlot}, kNone, kNoSlot};
   if (kAny && best.ignore.instance == index) {
     inside.ignore = {best.ignore.leaf, best.ignore.lane, kNone};
   }
@@ -85,7 +91,7 @@ inline bool test_instance(const SceneView& scene, u32 index, const Ray& ray, boo
                         : walk_all<kAny>(scene, scene.groups[instance.group], local.ray, inside);
   if constexpr (kAny) return any;
   if (inside.hit.slot.leaf == kNone) return false;
-  const float t = inside.hit.t / local.stretch;
+  const float t = (inside.hit.t + local.skipped) / local.stretch;
   // Of two at one distance what is seen through the later instance gives way.
   if (t < best.hit.t ||
       (t == best.hit.t && best.hit.slot.instance != kNone && index < best.hit.slot.instance)) {

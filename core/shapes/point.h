@@ -30,12 +30,13 @@ inline constexpr TowardsSample kNowhere = {{0, 0, 1}, 0.0f, 0.0f, {0, 0, 1}, {0,
 // Half the spacing of floats around 1: the relative error of one rounding.
 inline constexpr float kRounding = 0x1p-24f;
 
-// Rays start within the scene, whose coordinates are below 1: nothing is farther from an origin
-// than 2 along an axis, and the difference of two coordinates is wrong by 2 kRounding at most.
+// Coordinates are below 1; rays start within the scene or, in the frame of an instanced group, no
+// farther from 0 than 2.7. So nothing is farther from an origin than 4 along an axis, and the
+// difference of two coordinates is wrong by 4 kRounding at most.
 // A test that works on such differences finds a primitive displaced by some of those. The boxes of
 // primitives are padded by this many normalised units, which is more than any of them adds up to,
 // so that whatever is hit is hit within its box.
-inline constexpr float kBoxPad = 0x1p-20f;
+inline constexpr float kBoxPad = 0x1p-19f;
 
 PH_INLINE Box padded(Vec3 low, Vec3 high) {
   const Vec3 pad = {kBoxPad, kBoxPad, kBoxPad};

@@ -50,7 +50,7 @@ PH_INLINE float area(const Triangle& t) {
 }
 
 // A projected vertex is wrong by the rounding of 2 differences and 4 more operations with numbers
-// up to 2: by 12 kRounding along each of two axes, which kBoxPad exceeds.
+// up to 4: by 24 kRounding along each of two axes, which kBoxPad exceeds.
 PH_INLINE Box bounds(const Triangle& t) {
   return padded(min(t.vertex[0], min(t.vertex[1], t.vertex[2])),
                 max(t.vertex[0], max(t.vertex[1], t.vertex[2])));
@@ -100,11 +100,17 @@ PH_INLINE bool pierced_at(const Triangle& t, const Ray& ray, const Shear& shear,
   if (!pierced(t, ray, shear, w)) return false;
   const DVec3 n = doubled_area(t);
   if (n.x == 0.0 && n.y == 0.0 && n.z == 0.0) return false;
-  const double o = component(ray.origin, shear.z);
-  const double z = w.a * (component(t.vertex[0], shear.z) - o) +
-                   w.b * (component(t.vertex[1], shear.z) - o) +
-                   w.c * (component(t.vertex[2], shear.z) - o);
-  distance = static_cast<float>(z / (w.sum * component(ray.direction, shear.z)));
+  // By the plane: the weights' rounding would make a distance of the 0 at which a ray that starts
+  // on a neighbour's edge meets this one. Of rays along the plane, between the vertices'.
+  const double start = component(ray.origin, shear.z), step = component(ray.direction, shear.z);
+  double near = kInfinity, far = -kInfinity;
+  for (const Vec3& v : t.vertex) {
+    const double at = (component(v, shear.z) - start) / step;
+    near = at < near ? at : near;
+    far = at > far ? at : far;
+  }
+  const double height = dot(n, difference(t.vertex[0], ray.origin));
+  distance = static_cast<float>(clamp(height / dot(n, to_double(ray.direction)), near, far));
   return true;
 }
 
