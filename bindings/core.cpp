@@ -475,7 +475,9 @@ RenderView make_view(const Scene& scene, const nb::dict& camera, u32 width, u32 
                   roulette,
                   tree,
                   Integrator::path,
-                  kInfinity};
+                  kInfinity,
+                  {}};
+  view.media = media_around(scene, c, tree);
   if (integrator == "direct") {
     view.max_depth = std::min(max_depth, 2u);
   } else if (integrator == "ao") {

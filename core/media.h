@@ -6,19 +6,6 @@
 #include "material.h"
 #include "special.h"
 
-namespace parhelion {
-
-// Bodies that a path can be inside of at once; it does not notice more.
-inline constexpr u32 kMaxMedia = 8;
-
-// Their records' indices, in the order in which they were entered.
-struct Media {
-  u32 record[kMaxMedia];
-  u32 count;
-};
-
-}  // namespace parhelion
-
 namespace parhelion::PH_ISA {
 
 // The body that counts: of the highest priority, and of those the one entered last. kNone: outside

@@ -38,7 +38,13 @@ PH_INLINE float power_heuristic(float own, float other) {
 PH_INLINE Ray ray_from(const Surface& s, Vec3 direction) {
   const bool behind = dot(direction, s.normal) < 0.0f;
   Vec3 origin = s.point;
-  if (s.error > 0.0f) origin += s.normal * (behind ? -s.error : s.error);
+  if (s.error > 0.0f) {
+    // And beyond that of the sum.
+    const Vec3 n = s.normal, p = s.point;
+    const float rounded = abs(n.x * p.x) + abs(n.y * p.y) + abs(n.z * p.z);
+    const float reach = s.error + rounded * (1.0625f * kRounding);
+    origin += n * (behind ? -reach : reach);
+  }
   return {origin, direction, s.slot, behind != s.shape->inside_out};
 }
 
@@ -107,12 +113,16 @@ PH_INLINE bool consistent(const Surface& s, Vec3 wo, Vec3 wi, Vec3 local_wo, Vec
 
 // --- Light ------------------------------------------------------------------------------------
 
-// Share of the light that gets through to `distance`, past holes; 0 or 1 where there are none.
-PH_INLINE float transmittance(const SceneView& scene, Ray ray, float distance, Slot light,
-                              bool tree, PathStats& stats) {
+// Share of the light that gets through to `distance`, past holes and clear surfaces; 0 or 1 where
+// there are none.
+PH_INLINE Vec3 transmittance(const SceneView& scene, Ray ray, float distance, Slot light, bool tree,
+                             PathStats& stats) {
   ++stats.rays;
-  if (!scene.has_holes) return occluded(scene, ray, distance, light, tree) ? 0.0f : 1.0f;
-  float through = 1.0f, left = distance;
+  Vec3 through = {1, 1, 1};
+  if (!scene.has_holes) {
+    return occluded(scene, ray, distance, light, tree) ? Vec3{0, 0, 0} : through;
+  }
+  float left = distance;
   for (u32 i = 0; i < kMaxHoles; ++i) {
     Hit hit;
     if (!intersect(scene, ray, left, tree, hit)) return through;
@@ -121,13 +131,15 @@ PH_INLINE float transmittance(const SceneView& scene, Ray ray, float distance, S
       return through;
     }
     const Surface s = surface_at(scene, ray, hit);
-    through *= 1.0f - clamp(opacity(scene, *s.material, s, 0.0f), 0.0f, 1.0f);
-    if (!(through > 0.0f)) return 0.0f;
+    const float solid = clamp(opacity(scene, *s.material, s, 0.0f), 0.0f, 1.0f);
+    const Vec3 color = s.material->clear ? tint(scene, *s.material, s, 0.0f) : Vec3{0, 0, 0};
+    through *= Vec3{1, 1, 1} * (1.0f - solid) + color * solid;
+    if (black(through)) return through;
     left -= hit.t;
     ray = ray_from(s, ray.direction);
     ++stats.rays;
   }
-  return 0.0f;
+  return {0, 0, 0};
 }
 
 // Light that arrives straight from a light, through the body that it reaches the surface in, and is
@@ -146,10 +158,10 @@ PH_INLINE Vec3 direct_light(const SceneView& scene, const RenderView& view, cons
   const Vec3 value = eval(material, local_wo, wi);
   if (black(value)) return {0, 0, 0};
   const Ray ray = ray_from(s, light.direction);
-  const float through = transmittance(scene, ray, light.distance, light.slot, view.tree, stats);
-  if (through == 0.0f) return {0, 0, 0};
+  const Vec3 through = transmittance(scene, ray, light.distance, light.slot, view.tree, stats);
+  if (black(through)) return {0, 0, 0};
   const float weight = light.delta ? 1.0f : power_heuristic(light.pdf, pdf(material, local_wo, wi));
-  Vec3 sum = value * light.radiance * (through * weight / light.pdf);
+  Vec3 sum = value * light.radiance * through * (weight / light.pdf);
   if constexpr (kTransmits<Material>) {
     if (wi.z * local_wo.z < 0.0f) cross_boundary(scene, media, record, local_wo.z > 0.0f);
   }
@@ -163,6 +175,38 @@ PH_INLINE void add_light(PathState& path, Vec3 radiance, float light_density) {
   const float weight =
       path.scatter_pdf > 0.0f ? power_heuristic(path.scatter_pdf, light_density) : 1.0f;
   path.sum += path.throughput * radiance * weight;
+}
+
+// --- Bodies around a point ---------------------------------------------------------------------
+
+template <class Material>
+PH_INLINE bool transmits(const Material&) {
+  return kTransmits<Material>;
+}
+
+// The bodies that a point lies in: those that a ray from there leaves without having entered them.
+// The last that it leaves was entered first.
+inline Media media_around(const SceneView& scene, Vec3 point, Vec3 direction, bool tree) {
+  Media around, entered;
+  around.count = entered.count = 0;
+  Ray ray = {point, direction, kNoSlot, false};
+  Hit hit;
+  for (u32 i = 0; i < kMaxHoles && intersect(scene, ray, kInfinity, tree, hit); ++i) {
+    const Surface s = surface_at(scene, ray, hit);
+    const MaterialRecord& m = *s.material;
+    ray = ray_from(s, direction);
+    if (!with_material(m.block, {0, 0, 0}, [](const auto& of) { return transmits(of); })) continue;
+    const u32 before = entered.count;
+    const bool front = dot(direction, s.normal) < 0.0f;
+    cross_boundary(scene, entered, m, front);
+    if (!front && entered.count == before) cross_boundary(scene, around, m, true);
+  }
+  for (u32 i = 0, k = around.count; i + 1 < k--; ++i) {
+    const u32 swapped = around.record[i];
+    around.record[i] = around.record[k];
+    around.record[k] = swapped;
+  }
+  return around;
 }
 
 // --- Bounces ----------------------------------------------------------------------------------
@@ -258,17 +302,23 @@ PH_INLINE const MaterialRecord& chosen_material(const SceneView& scene, const Su
   return *m;
 }
 
-// All that happens where a path meets a surface; false where the path ends.
-PH_INLINE bool bounce(const SceneView& scene, const RenderView& view, const Surface& s,
-                      const Sampler& sampler, PathState& path, PathStats& stats,
-                      Features* features) {
-  const bool front = dot(path.ray.direction, s.normal) < 0.0f;
-  const Vec3 shine = emission(scene, *s.material, s, front);
+// Adds what the surface that the path has met gives off, and returns it.
+PH_INLINE Vec3 add_emission(const SceneView& scene, const Surface& s, PathState& path) {
+  const Vec3 shine = emission(scene, *s.material, s, dot(path.ray.direction, s.normal) < 0.0f);
   if (!black(shine)) {
     const float density =
         path.scatter_pdf > 0.0f ? emitter_pdf(scene, s, path.receiver, path.ray.direction) : 0.0f;
     add_light(path, shine, density);
   }
+  return shine;
+}
+
+// All that happens where a path meets a surface; false where the path ends.
+PH_INLINE bool bounce(const SceneView& scene, const RenderView& view, const Surface& s,
+                      const Sampler& sampler, PathState& path, PathStats& stats,
+                      Features* features) {
+  const bool front = dot(path.ray.direction, s.normal) < 0.0f;
+  const Vec3 shine = add_emission(scene, s, path);
   const MaterialRecord& m = chosen_material(scene, s, front, path.width, sampler, path.depth);
   if (features && path.depth == 1) {
     features->emission = shine;
@@ -290,13 +340,13 @@ PH_INLINE bool bounce(const SceneView& scene, const RenderView& view, const Surf
 }
 
 // How open the surroundings of the first surface are.
-inline float ambient_occlusion(const SceneView& scene, const RenderView& view, const Surface& s,
-                               Vec3 wo, const Sampler& sampler, PathStats& stats) {
+inline Vec3 ambient_occlusion(const SceneView& scene, const RenderView& view, const Surface& s,
+                              Vec3 wo, const Sampler& sampler, PathStats& stats) {
   Vec3 n = s.shading;
   if (dot(wo, s.normal) < 0.0f) n = -n;
   const Vec3 wi =
       to_world(frame_around(n), cosine_hemisphere(draw2(sampler, bounce_draw(1) + kDrawDirection)));
-  if (dot(wi, s.normal) * dot(wo, s.normal) <= 0.0f) return 0.0f;
+  if (dot(wi, s.normal) * dot(wo, s.normal) <= 0.0f) return {0, 0, 0};
   return transmittance(scene, ray_from(s, renormalize(wi)), view.ao_distance, kNoSlot, view.tree,
                        stats);
 }
@@ -314,7 +364,7 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
   path.scatter_pdf = 0.0f;
   path.eta_scale = 1.0f;
   path.depth = 1;
-  path.media.count = 0;
+  path.media = view.media;
   if (features) *features = {0, {}, {}, {}, {}, {}, {}, {}, kNone, kNone};
   ++stats.rays;
   float start = 0.0f;
@@ -338,8 +388,14 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
     absorb(scene, path.media, hit.t, path.throughput);
     if (scene.has_holes) {
       const float solid = opacity(scene, *s.material, s, path.width);
-      if (solid < 1.0f && holes < kMaxHoles &&
-          !(draw1(sampler, bounce_draw(path.depth) + kDrawOpacity + holes * 0x10000u) < solid)) {
+      const bool hole =
+          solid < 1.0f &&
+          !(draw1(sampler, bounce_draw(path.depth) + kDrawOpacity + holes * 0x10000u) < solid);
+      if ((hole || s.material->clear) && holes < kMaxHoles) {
+        if (!hole) {
+          add_emission(scene, s, path);
+          path.throughput *= tint(scene, *s.material, s, path.width);
+        }
         path.ray = ray_from(s, path.ray.direction);
         ++holes;
         ++stats.rays;
@@ -356,8 +412,7 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
                                                  : scene.instances[s.slot.instance].shape;
     }
     if (view.integrator == Integrator::ambient_occlusion) {
-      const float open = ambient_occlusion(scene, view, s, -path.ray.direction, sampler, stats);
-      return {open, open, open};
+      return ambient_occlusion(scene, view, s, -path.ray.direction, sampler, stats);
     }
     const bool goes_on = bounce(scene, view, s, sampler, path, stats, features);
     if (features && path.depth <= 2) features->direct = path.sum - features->emission;

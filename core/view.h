@@ -109,6 +109,7 @@ struct MaterialRecord {
   u32 priority;
   Vec3 absorption;  // 1 / normalised unit
   bool emits_back;
+  bool clear;    // what is no hole goes straight on too, but tinted
   bool uses_uv;  // some texture or anisotropy needs the surface's parametrisation
 };
 
@@ -136,7 +137,7 @@ struct SceneView {
   const ImageView* images;
   const u32* material_of;  // by primitive id, where a shape's record says so
   const Vec3* color_of;    // by primitive id, NaN in x for the material's own; null if none has one
-  bool has_holes;          // some material is not opaque
+  bool has_holes;          // some material has holes or is clear
 
   // Lights: emissive primitives, then those of `lights` that lie in the scene, are the leaves of
   // the light tree; the rest of `lights` shine from outside, last those that are not asked for.
@@ -151,6 +152,15 @@ struct SceneView {
 enum class Integrator : u32 { path, direct, ambient_occlusion };
 
 // Everything else that a picture depends on.
+// Bodies that a path can be inside of at once; it does not notice more.
+inline constexpr u32 kMaxMedia = 8;
+
+// Their materials' indices, in the order in which they were entered.
+struct Media {
+  u32 record[kMaxMedia];
+  u32 count;
+};
+
 struct RenderView {
   Camera camera;
   FilterTable filter;
@@ -161,6 +171,7 @@ struct RenderView {
   bool tree;  // false: test every primitive
   Integrator integrator;
   float ao_distance;  // normalised units
+  Media media;        // that the camera is inside of
 };
 
 }  // namespace parhelion

@@ -32,6 +32,8 @@ struct Kernels {
   // Nearest hits and occlusion of n rays, each up to limit[i].
   void (*intersect)(const SceneView&, const Ray*, const float* limit, u64 n, bool tree, Hit*);
   void (*occluded)(const SceneView&, const Ray*, const float* limit, u64 n, bool tree, u8*);
+  // The bodies that a point lies in, seen along a direction.
+  Media (*media_around)(const SceneView&, Vec3 point, Vec3 direction, bool tree);
 
   // The sampling routines by themselves, for the statistical tests.
   void (*warp)(WarpKind, float parameter, const Vec2*, u64 n, Vec3*);

@@ -64,6 +64,10 @@ void occluded_all(const SceneView& scene, const Ray* rays, const float* limit, u
   for (u64 i = 0; i < n; ++i) result[i] = occluded(scene, rays[i], limit[i], kNoSlot, tree);
 }
 
+Media bodies(const SceneView& scene, Vec3 point, Vec3 direction, bool tree) {
+  return media_around(scene, point, direction, tree);
+}
+
 // A mapping takes a parameter or not.
 template <class F, class X>
 auto call(F f, X x, float parameter) {
@@ -145,8 +149,8 @@ void filter_offsets(const FilterTable& table, const float* u, u64 n, float* out)
 }  // namespace
 
 extern const Kernels kKernels;
-const Kernels kKernels = {PH_TEXT(PH_ISA), render_row,   one_radiance, intersect_all,
-                          occluded_all,    warp,         warp_pdf,     bsdf_sample,
-                          bsdf_eval,       light_sample, draws,        filter_offsets};
+const Kernels kKernels = {PH_TEXT(PH_ISA), render_row, one_radiance,  intersect_all, occluded_all,
+                          bodies,          warp,       warp_pdf,      bsdf_sample,   bsdf_eval,
+                          light_sample,    draws,      filter_offsets};
 
 }  // namespace parhelion::PH_ISA

@@ -414,12 +414,17 @@ bool Scene::shines(const MaterialRecord& m) const {
 
 void Scene::make_materials() {
   const float per_unit = static_cast<float>(1.0 / scale_);
-  for (MaterialRecord& m : materials_) {
+  for (u32 i = 0; i < materials_.size(); ++i) {
+    MaterialRecord& m = materials_[i];
     m.absorption = {m.absorption.x * per_unit, m.absorption.y * per_unit,
                     m.absorption.z * per_unit};
     m.bump_scale *= static_cast<float>(scale_);
     scale_lengths(m.block, material_params(m.block.kind), scale_);
-    view_.has_holes = view_.has_holes || m.opacity < 1.0f || m.opacity_texture.texture != kNone;
+    m.clear = static_cast<MaterialKind>(m.block.kind) == MaterialKind::null && m.priority == 0 &&
+              baseline::black(m.absorption) && m.blend_first == kNone && m.back == i;
+    has_bodies_ = has_bodies_ || m.priority != 0 || !baseline::black(m.absorption);
+    view_.has_holes =
+        view_.has_holes || m.clear || m.opacity < 1.0f || m.opacity_texture.texture != kNone;
   }
   view_.materials = materials_.data();
 }

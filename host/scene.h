@@ -85,6 +85,8 @@ class Scene {
   const SceneView& view() const { return view_; }
   // Normalised units per user's unit: a power of two.
   double scale() const { return scale_; }
+  // Whether there is glass or liquid that a path keeps account of being inside of.
+  bool has_bodies() const { return has_bodies_; }
   size_t primitive_count() const { return primitive_count_; }
   size_t primitive_count(ShapeKind kind) const { return count_of_[static_cast<u32>(kind)]; }
   size_t node_count() const { return nodes_.size(); }
@@ -122,6 +124,7 @@ class Scene {
   size_t count_of_[8] = {};
   size_t light_count_ = 0;
   double scale_ = 1.0;
+  bool has_bodies_ = false;
   std::vector<Node> nodes_;
 #define SHAPE(name, Type) std::vector<Type##Block> name##s_;
 #include "../core/shapes.def"

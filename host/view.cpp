@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "errors.h"
+#include "kernels.h"
 
 namespace parhelion {
 namespace {
@@ -125,6 +126,24 @@ Camera make_camera(const CameraInput& input, u32 width, u32 height, double scale
 #undef CAMERA
   throw SceneError("camera: unknown projection '" + input.projection + "' (choices: " + choices +
                    ")");
+}
+
+// Closed bodies look the same in every direction. A sheet of water without sides shows its back in
+// some only, so the direction counts in which there are most. The directions are not quite along
+// the axes, where modelled things have their edges.
+Media media_around(const Scene& scene, const CameraInput& input, bool tree) {
+  const DVec3 eye = DVec3{input.eye[0], input.eye[1], input.eye[2]} * scene.scale();
+  Media most{};
+  if (!scene.has_bodies() || !inside(eye, 0.0, scene.view().bounds)) return most;
+  const DVec3 ways[] = {{1.0, 0.0131, 0.0173}, {0.0117, 1.0, 0.0149}, {0.0163, 0.0107, 1.0}};
+  for (const DVec3& way : ways) {
+    const Vec3 unit = to_float(way * (1.0 / length(way)));
+    for (const Vec3& d : {unit, -unit}) {
+      const Media media = kernels().media_around(scene.view(), to_float(eye), d, tree);
+      if (media.count > most.count) most = media;
+    }
+  }
+  return most;
 }
 
 FilterTable make_filter(const std::string& name, double radius) {

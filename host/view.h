@@ -3,6 +3,7 @@
 #include <string>
 
 #include "../core/view.h"
+#include "scene.h"
 
 namespace parhelion {
 
@@ -23,6 +24,9 @@ struct CameraInput {
 // bounds: of the scene, in normalised units; scale: those units per user's unit.
 Camera make_camera(const CameraInput& input, u32 width, u32 height, double scale,
                    const Box& bounds);
+
+// The bodies of glass or liquid that the camera is inside of.
+Media media_around(const Scene& scene, const CameraInput& input, bool tree);
 
 // radius 0 is the filter's own. Throws SceneError for an unknown name or a bad radius.
 FilterTable make_filter(const std::string& name, double radius);

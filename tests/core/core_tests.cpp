@@ -120,7 +120,8 @@ RenderView make_view(const Scene& scene, u32 width, u32 height, SamplerKind samp
           true,
           true,
           Integrator::path,
-          kInfinity};
+          kInfinity,
+          {}};
 }
 
 bool same(const Film& a, const Film& b) {
