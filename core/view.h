@@ -151,7 +151,6 @@ struct SceneView {
 
 enum class Integrator : u32 { path, direct, ambient_occlusion };
 
-// Everything else that a picture depends on.
 // Bodies that a path can be inside of at once; it does not notice more.
 inline constexpr u32 kMaxMedia = 8;
 
@@ -161,6 +160,7 @@ struct Media {
   u32 count;
 };
 
+// Everything else that a picture depends on.
 struct RenderView {
   Camera camera;
   FilterTable filter;
