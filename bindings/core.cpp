@@ -582,6 +582,17 @@ nb::dict feature_arrays(const Film& film, double unit) {
   return all;
 }
 
+// Cryptomatte's (ranks of shapes, ranks of materials), each (h, w, ranks, 2) of id and coverage.
+std::tuple<nb::object, nb::object> matte_arrays(const Film& film, const Indices& shape_ids,
+                                                const Indices& material_ids) {
+  float *shape, *material;
+  nb::object shapes = make_array<float>({film.height, film.width, kMatteRanks, 2}, shape);
+  nb::object materials = make_array<float>({film.height, film.width, kMatteRanks, 2}, material);
+  film.ranks(&FeaturePixel::shapes, {shape_ids.data(), shape_ids.size()}, shape);
+  film.ranks(&FeaturePixel::materials, {material_ids.data(), material_ids.size()}, material);
+  return {shapes, materials};
+}
+
 Triple one_sample(const Scene& scene, const RenderView& view, u32 x, u32 y, u32 sample,
                   const std::string& isa) {
   const Vec3 c = kernels(isa).radiance(scene.view(), view, x, y, sample);
@@ -740,7 +751,8 @@ NB_MODULE(_core, m) {
       .def("render", &render, "scene"_a, "view"_a, "first"_a, "last"_a, nb::kw_only(), "threads"_a,
            "tile"_a, "schedule"_a, "isa"_a, "tick"_a.none())
       .def("arrays", &film_arrays)
-      .def("features", &feature_arrays, "unit"_a);
+      .def("features", &feature_arrays, "unit"_a)
+      .def("mattes", &matte_arrays, "shape_ids"_a, "material_ids"_a);
   m.def("one_sample", &one_sample, "scene"_a, "view"_a, "x"_a, "y"_a, "sample"_a, "isa"_a = "");
 
   m.def("tables", &tables);

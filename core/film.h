@@ -19,6 +19,13 @@ struct FilmPixel {
   u32 bad;  // samples that were not finite, left out of the sum and counted as black
 };
 
+// How many of a pixel's samples saw which shape, or material; a slot of count 0 is free. Pictures
+// keep the six largest (kMatteRanks): two slots more, as which six they are shows only in the end.
+inline constexpr u32 kTallySlots = 8;
+struct Tally {
+  u32 index[kTallySlots], count[kTallySlots];
+};
+
 // The sums of a pixel's features, in the order of Features in path.h; those of place and shape over
 // the samples that hit something.
 inline constexpr u32 kPlaceFloats = 12, kLightFloats = 9;
@@ -27,6 +34,7 @@ struct FeaturePixel {
   FilmSum light[kLightFloats];  // albedo, emission, direct light
   u32 hits, count;
   u32 shape, material;  // of the first sample; kNone if it hit nothing
+  Tally shapes, materials;
 };
 
 }  // namespace parhelion
@@ -51,6 +59,18 @@ PH_INLINE void add(FilmPixel& pixel, Vec3 radiance) {
   add(pixel.rgb[0], radiance.x);
   add(pixel.rgb[1], radiance.y);
   add(pixel.rgb[2], radiance.z);
+}
+
+// Counts one sample. What finds no slot left is not counted: the slots are those of what was seen
+// first, which is the same for any split of samples that come in the order of their numbers.
+PH_INLINE void add(Tally& tally, u32 index) {
+  for (u32 i = 0; i < kTallySlots; ++i) {
+    if (tally.count[i] == 0) tally.index[i] = index;
+    if (tally.index[i] == index) {
+      ++tally.count[i];
+      return;
+    }
+  }
 }
 
 // Brings `low` back under 2^40, so that equal sums are equal words.

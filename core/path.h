@@ -320,10 +320,7 @@ PH_INLINE bool bounce(const SceneView& scene, const RenderView& view, const Surf
   const bool front = dot(path.ray.direction, s.normal) < 0.0f;
   const Vec3 shine = add_emission(scene, s, path);
   const MaterialRecord& m = chosen_material(scene, s, front, path.width, sampler, path.depth);
-  if (features && path.depth == 1) {
-    features->emission = shine;
-    features->material = static_cast<u32>(s.material - scene.materials);
-  }
+  if (features && path.depth == 1) features->emission = shine;
   if (path.depth >= view.max_depth) return false;
   if (!front && s.material->back == kNone) return false;
   ParamBlock textured;
@@ -410,6 +407,7 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
       features->uv = s.material->uses_uv ? s.uv : Vec2{0, 0};
       features->shape = s.slot.instance == kNone ? static_cast<u32>(s.shape - scene.shapes)
                                                  : scene.instances[s.slot.instance].shape;
+      features->material = static_cast<u32>(s.material - scene.materials);
     }
     if (view.integrator == Integrator::ambient_occlusion) {
       return ambient_occlusion(scene, view, s, -path.ray.direction, sampler, stats);

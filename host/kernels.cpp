@@ -23,6 +23,8 @@ void record(FeaturePixel& pixel, const Features& f, u32 sample) {
   }
   if (f.shape == kNone) return;
   ++pixel.hits;
+  add(pixel.shapes, f.shape);
+  add(pixel.materials, f.material);
   const Vec3 n = f.normal, m = f.shading_normal, p = f.position;
   const float place[kPlaceFloats] = {f.depth, p.x, p.y, p.z, n.x,    n.y,
                                      n.z,     m.x, m.y, m.z, f.uv.x, f.uv.y};

@@ -2,10 +2,13 @@
 
 #include <omp.h>
 
+#include <algorithm>
 #include <atomic>
+#include <bit>
 #include <chrono>
 #include <condition_variable>
 #include <mutex>
+#include <stdexcept>
 
 namespace parhelion {
 
@@ -20,6 +23,32 @@ Film::Film(u32 x0, u32 y0, u32 w, u32 h, bool with_features)
 void Film::means(float* rgb) const {
   for (const FilmPixel& p : pixels) {
     for (const FilmSum& sum : p.rgb) *rgb++ = baseline::mean(sum, p.count);
+  }
+}
+
+void Film::ranks(Tally FeaturePixel::* tally, std::span<const u32> ids, float* out) const {
+  struct Entry {
+    u32 id, count;
+  };
+  for (const FeaturePixel& p : features) {
+    const Tally& t = p.*tally;
+    Entry found[kTallySlots] = {};
+    Entry* end = found;
+    for (u32 i = 0; i < kTallySlots && t.count[i] != 0; ++i) {
+      if (t.index[i] >= ids.size()) throw std::out_of_range("an index has no id");
+      const u32 id = ids[t.index[i]];
+      Entry* same = std::find_if(found, end, [&](const Entry& e) { return e.id == id; });
+      if (same == end) *end++ = {id, 0};
+      same->count += t.count[i];
+    }
+    std::partial_sort(found, found + kMatteRanks, found + kTallySlots,
+                      [](const Entry& a, const Entry& b) {
+                        return a.count != b.count ? a.count > b.count : a.id < b.id;
+                      });
+    for (const Entry* e = found; e < found + kMatteRanks; ++e) {
+      *out++ = std::bit_cast<float>(e->id);
+      *out++ = e->count == 0 ? 0.0f : static_cast<float>(e->count) / static_cast<float>(p.count);
+    }
   }
 }
 

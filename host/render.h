@@ -1,6 +1,7 @@
 // Rendering: tiles over OpenMP threads, added to a film in an order that does not matter.
 #pragma once
 #include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -8,6 +9,9 @@
 #include "scene.h"
 
 namespace parhelion {
+
+// Pairs of id and coverage that a pixel keeps of a Cryptomatte, the specification's suggestion.
+inline constexpr size_t kMatteRanks = 6;
 
 // The sums of a rectangle of the picture. x, y: its top left pixel within the whole picture.
 struct Film {
@@ -18,6 +22,11 @@ struct Film {
   Film(u32 x, u32 y, u32 width, u32 height, bool with_features);
   // Means, (height, width, 3). A pixel without samples is black.
   void means(float* rgb) const;
+  // Cryptomatte's ranks, (height, width, kMatteRanks, 2): ids[index], as the bits of a float, and
+  // the share of the samples that saw it, the largest first, equal ones by id; zeros where there
+  // are no more. Indices with the same id are one. Throws std::out_of_range for an index without an
+  // id.
+  void ranks(Tally FeaturePixel::* tally, std::span<const u32> ids, float* out) const;
 };
 
 enum class Schedule { dynamic_, static_, guided };
