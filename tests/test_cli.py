@@ -166,6 +166,8 @@ def test_features_are_layers_of_an_exr_file(tmp_path: Path) -> None:
     np.testing.assert_array_equal(pixels, expected.numpy())
     depth, _ = read_picture(output, ["depth.Z"])
     np.testing.assert_array_equal(depth, expected.features["depth"])
+    coverage, _ = read_picture(output, ["CryptoObject00.G"])
+    np.testing.assert_array_equal(coverage[..., 0], expected.features["CryptoObject"][..., 0, 1])
     assert json.loads(attributes["parhelion:shapes"]) == expected.flat.shape_names
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import parhelion as ph
-from parhelion import atomic
+from parhelion import atomic, cryptomatte
 from parhelion.flatten import flatten
 from parhelion.image import CHANNELS, check_output, encoded, largest_file, srgb_encoded
 from picture_tools import read_picture
@@ -123,8 +123,8 @@ def test_an_exr_file_has_a_layer_for_every_feature(featured: ph.Image, tmp_path:
     file = tmp_path / "a.exr"
     featured.save(file)
     assert featured.features.keys() == CHANNELS.keys()
-    for name, letters in CHANNELS.items():
-        stored, _ = read_picture(file, [f"{name}.{letter}" for letter in letters])
+    for name, channels in CHANNELS.items():
+        stored, _ = read_picture(file, channels)
         assert stored.dtype == np.float32
         values = featured.features[name]
         np.testing.assert_array_equal(stored, values.reshape(stored.shape), err_msg=name)
@@ -141,10 +141,10 @@ def test_an_exr_file_has_a_layer_for_every_feature(featured: ph.Image, tmp_path:
 def test_16_bits_spare_the_features_that_need_more(featured: ph.Image, tmp_path: Path) -> None:
     bright = dict(featured.features) | {"direct": featured.features["direct"] * np.float32(1e9)}
     replace(featured, features=bright).save(tmp_path / "a.exr", bits=16)
-    for name, letters in CHANNELS.items():
-        stored, _ = read_picture(tmp_path / "a.exr", [f"{name}.{letter}" for letter in letters])
+    for name, channels in CHANNELS.items():
+        stored, _ = read_picture(tmp_path / "a.exr", channels)
         values = bright[name].reshape(stored.shape).astype(np.float32)
-        if name not in ("depth", "position", "uv", "shape", "material"):
+        if name not in ("depth", "position", "uv", "shape", "material", *cryptomatte.LAYERS):
             values = np.minimum(values, 65504).astype(np.float16).astype(np.float32)
         np.testing.assert_array_equal(stored, values, err_msg=name)
     assert np.float16(read_picture(tmp_path / "a.exr")[0]).max() > 0.5

@@ -38,6 +38,9 @@ COMMON = {
     "priority", "absorption",
 }  # fmt: skip
 
+# The names of shapes that were given none
+_UNNAMED = {kind.name for kind in (Spheres, Mesh, Disks, Cylinders, Curves, Instances)}
+
 _CHANNELS = {"luminance": 0, "rgb": 0, "r": 1, "g": 2, "b": 3, "a": 4}
 
 
@@ -45,12 +48,20 @@ _CHANNELS = {"luminance": 0, "rgb": 0, "r": 1, "g": 2, "b": 3, "a": 4}
 class Flat:
     """parts: what _core.Scene takes, a dict of lists of dicts; bindings/core.cpp reads them.
 
-    shape_names, material_names: by the indices that features and statistics use.
+    shape_names, material_names: by the indices that features and statistics use. Where several have
+    no name, that of their type is followed by a number: "mesh", "mesh 2".
     """
 
     parts: dict[str, Any]
     shape_names: list[str]
     material_names: list[str]
+
+    @property
+    def object_names(self) -> list[str]:
+        """The names of the scene's own shapes, which come last; what Instances copy is seen as
+        them.
+        """
+        return self.shape_names[len(self.shape_names) - len(self.parts["groups"][-1]) :]
 
     def sha256(self) -> str:
         """Hash of everything that is seen: geometry, materials and lights, not the camera."""
@@ -98,7 +109,8 @@ def flatten(scene: Scene) -> Flat:
     parts = _Parts()
     for name in scene.materials:
         parts.materials.append({})  # its place: later ones may be its back or part of its blend
-        parts.material_names.append(str(name))
+        parts.material_names.append(_text(name))
+    named_count = len(parts.materials)
     parts.named = {name: i for i, name in enumerate(scene.materials)}
     parts.known = dict(scene.materials)
     for name, named in scene.materials.items():
@@ -123,8 +135,9 @@ def flatten(scene: Scene) -> Flat:
             "images": parts.images,
             "lights": parts.lights,
         },
-        [s["name"] for group in parts.groups for s in group],
-        parts.material_names,
+        [s["name"] for group in parts.groups[:-1] for s in group]
+        + _told_apart([s["name"] for s in own], [s["name"] in _UNNAMED for s in own]),
+        _told_apart(parts.material_names, [i >= named_count for i in range(len(parts.materials))]),
     )
 
 
@@ -132,6 +145,26 @@ def block(kind: str, name: str, params: Mapping[str, Any], where: str) -> Block:
     """The parameter block of a material, texture or light, checked against its table."""
     values = tables.check(kind, name, params, where)
     return list(tables.tables()[kind]).index(name), [x for v in values.values() for x in v]
+
+
+def _text(name: Any) -> str:
+    """A name that can be written; one that comes from a file's may be no text."""
+    return str(name).encode(errors="backslashreplace").decode()
+
+
+def _told_apart(names: Sequence[str], unnamed: Sequence[bool]) -> list[str]:
+    """Names of which the unnamed ones get a number where another has theirs: "mesh", "mesh 2"."""
+    taken = {name for name, free in zip(names, unnamed, strict=True) if not free}
+    counts: dict[str, int] = {}
+    result = []
+    for name, free in zip(names, unnamed, strict=True):
+        chosen = name
+        while free and chosen in taken:
+            counts[name] = counts.get(name, 1) + 1
+            chosen = f"{name} {counts[name]}"
+        taken.add(chosen)
+        result.append(chosen)
+    return result
 
 
 @dataclass
@@ -412,7 +445,7 @@ class _Parts:
             raise SceneError(
                 f"shapes: one of {names} and Instances is needed, not {type(shape).__name__}"
             )
-        name = str(shape.name).encode(errors="backslashreplace").decode()  # of any file's name
+        name = _text(shape.name)
         where = f"shape {name!r}"
         record: dict[str, Any] = makers[type(shape)](shape, where)
         record["name"] = name
@@ -464,7 +497,7 @@ class _Parts:
         }
 
     def instances(self, shape: Instances) -> dict[str, Any]:
-        name = str(shape.name)
+        name = _text(shape.name)
         where = f"shape {name!r}"
         transforms = _floats(shape.transforms, f"{where}: transforms").astype(np.float64)
         if transforms.size == 0:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import cryptomatte
 from .atomic import is_special, replacing
 from .errors import FormatError, ResourceError, SceneError, unknown_name
 from .scene import Camera, Settings
@@ -26,9 +27,7 @@ if TYPE_CHECKING:
 # ending -> bits a channel that it can hold, its default first
 WRITABLE = {".png": (8, 16), ".jpg": (8,), ".jpeg": (8,), ".exr": (32, 16)}
 
-# What the channels of a feature are called in an EXR file, "depth.Z" and so on, the names by which
-# compositing programs know what they hold. Those of PRECISE are always stored in 32 bits.
-CHANNELS = {
+_LETTERS = {
     "depth": "Z",
     "position": "XYZ",
     "normal": "XYZ",
@@ -42,7 +41,12 @@ CHANNELS = {
     "shape": "V",
     "material": "V",
 }
-PRECISE = {"depth", "position", "uv", "shape", "material"}
+# What the channels of a feature are called in an EXR file, "depth.Z" and so on, the names by which
+# compositing programs know what they hold. Those of PRECISE are always stored in 32 bits.
+CHANNELS = {name: tuple(f"{name}.{c}" for c in letters) for name, letters in _LETTERS.items()} | {
+    layer: cryptomatte.channels(layer) for layer in cryptomatte.LAYERS
+}
+PRECISE = {"depth", "position", "uv", "shape", "material", *cryptomatte.LAYERS}
 
 # Rows that the writer of EXR gets at a time: with features, a copy of a whole picture would be as
 # large as all else together.
@@ -73,7 +77,9 @@ class Image:
     (geometric), shading_normal and uv, over those that hit something; albedo, emission, direct and
     indirect (parts of the radiance), coverage (share that hit something). shape and material, (H,
     W), are indices into flat.shape_names and flat.material_names of the first sample's, -1 for
-    none.
+    none. CryptoObject and CryptoMaterial, (H, W, 6, 2), are Cryptomattes: of the six shapes, or
+    materials, that most samples of the pixel hit, the largest first, the id of the name and the
+    share of the samples; matte() looks a name up.
 
     NumPy takes it for its pixels; a notebook shows it.
     """
@@ -106,6 +112,38 @@ class Image:
         scaled = srgb_encoded(self.pixels) * np.float32(top) + np.float32(0.5)
         stored: NDArray[Any] = scaled.astype(np.uint8 if bits == 8 else np.uint16)
         return stored
+
+    def matte(
+        self, *, shape: str | None = None, material: str | None = None
+    ) -> NDArray[np.float32]:
+        """How much of each pixel a shape, or else a material, covers as the camera sees it.
+
+        Its name in, (H, W) float32 from 0 to 1 out. Raises SceneError for a name that the scene
+        does not have, and for a picture that was rendered without features.
+        """
+        asked = {"CryptoObject": shape, "CryptoMaterial": material}
+        given = [(layer, name) for layer, name in asked.items() if name is not None]
+        if len(given) != 1:
+            raise SceneError("matte: give the name of a shape or of a material, one of the two")
+        layer, name = given[0]
+        choices = self._matte_names()[layer]
+        if name not in choices:
+            raise SceneError(
+                f"matte: {unknown_name(cryptomatte.LAYERS[layer], name, set(choices))}"
+            )
+        if layer not in self.features:
+            raise SceneError("matte: the picture must be rendered with features=True")
+        ids, coverage = np.moveaxis(self.features[layer], -1, 0)
+        its_own = ids.view(np.uint32) == cryptomatte.matte_id(name)
+        matte: NDArray[np.float32] = np.where(its_own, coverage, np.float32(0)).sum(axis=-1)
+        return matte
+
+    def _matte_names(self) -> dict[str, list[str]]:
+        """Whose mattes a layer can hold."""
+        return {
+            "CryptoObject": self.flat.object_names,
+            "CryptoMaterial": self.flat.material_names,
+        }
 
     def metadata(self) -> dict[str, str]:
         """What is written into a file beside the pixels."""
@@ -152,8 +190,12 @@ class Image:
         else:
             data = self.srgb(depth)
         layers = self.features if ending == ".exr" else {}
+        told = self.metadata()
+        for layer, names in self._matte_names().items():
+            if layer in layers:
+                told |= cryptomatte.attributes(layer, names)
         with replacing(file) as temporary:
-            temporary.write_bytes(encoded(data, self.metadata(), ending, layers))
+            temporary.write_bytes(encoded(data, told, ending, layers))
 
     def png_bytes(self) -> bytes:
         """The picture as the bytes of an 8-bit sRGB PNG file."""
@@ -272,7 +314,7 @@ def encoded(
         listed = list(spec.channelnames)
         for name, values in parts.items():
             kinds += ["float" if name in PRECISE else kind] * values.shape[2]
-            listed += [f"{name}.{letter}" for letter in CHANNELS[name]]
+            listed += CHANNELS[name]
         spec.nchannels = len(kinds)
         spec.channelnames = tuple(listed)
         spec.channelformats = tuple(oiio.TypeDesc(k) for k in kinds)

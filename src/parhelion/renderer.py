@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from . import machine, memory, tables
+from . import cryptomatte, machine, memory, tables
 from .errors import ResourceError, SceneError, unknown_name
 from .flatten import Flat, flatten
 from .framing import placed
@@ -26,7 +26,7 @@ PASS_SECONDS = 0.25
 
 # Bytes a pixel: the film's sums, and the arrays that are made of them while they are still there.
 PIXEL_BYTES = 56 + 20
-FEATURE_BYTES = 352 + 124
+FEATURE_BYTES = 480 + 220
 
 LARGEST_SIDE = 65536
 INTEGRATORS = ("path", "direct", "ao")
@@ -83,7 +83,7 @@ def render(
     threads: 0 takes every core. progress: True shows a bar on stderr; a function is called with a
     Progress some times a second, and what it returns, if true, stops the rendering.
 
-    features: also depth, position, normals, albedo and so on; see Image.features.
+    features: also depth, position, normals, albedo, mattes and so on; see Image.features.
 
     The picture does not depend on these: threads; schedule, how OpenMP hands out tiles ("dynamic",
     "static", "guided"); tile, their edge in pixels; isa, the instruction set ("" for the best);
@@ -127,6 +127,10 @@ def render(
         if features:
             parts = seen_features["emission"] + seen_features["direct"]
             seen_features["indirect"] = np.maximum(pixels - parts, 0.0)
+            named = prepared.flat.shape_names, prepared.flat.material_names
+            ids = ([cryptomatte.matte_id(name) for name in names] for names in named)
+            mattes = film.mattes(*(np.array(bits, np.uint32) for bits in ids))
+            seen_features |= zip(cryptomatte.LAYERS, mattes, strict=True)
     except MemoryError as error:
         raise ResourceError(f"not enough memory for a picture of {width}x{height}") from error
     if bad.any():

@@ -36,7 +36,8 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     p.add_argument(
         "--features",
         action="store_true",
-        help="also depth, position, normals, albedo and so on, as layers of the .exr file",
+        help="also depth, position, normals, albedo, Cryptomattes and so on, as layers of the"
+        " .exr file",
     )
     picture = p.add_argument_group("picture (default: what the scene says)")
     picture.add_argument("--width", type=int, metavar="N")
