@@ -369,9 +369,9 @@ def test_many_spheres_are_fast(folder: Path) -> None:
 
 
 def test_options_for_other_formats_are_refused(folder: Path) -> None:
-    with pytest.raises(ph.FormatError, match="the option 'color_by' is for particle files"):
+    with pytest.raises(ph.FormatError, match="the option 'color_by' is not for Parhelion scene"):
         read(folder, VALID, LoadOptions(color_by="charge"))
-    with pytest.raises(ph.FormatError, match="the option 'defines' is for Mitsuba's scenes"):
+    with pytest.raises(ph.FormatError, match="the option 'defines' is not for Parhelion scene"):
         read(folder, VALID, LoadOptions(defines={"spp": "4"}))
     read(folder, VALID, LoadOptions(strict=True))  # it always is
 

@@ -184,6 +184,10 @@ def _check_radii(radii: Floats) -> None:
     )
 
 
+# What to_scene, and the readers of files, ask of LoadOptions
+OPTIONS = ("color_by", "colormap", "color_range", "radius", "ground", "frame")
+
+
 def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
     """The particles as spheres, lit and framed for a picture with no further options.
 

@@ -1,9 +1,10 @@
 """The registry of scene formats: one module a format, one line here.
 
-A format module has three names:
+A format module has these names:
 
     NAME        what users call the format, e.g. "XYZ"
     SUFFIXES    the file name endings it reads, in lower case, e.g. (".xyz", ".extxyz")
+    OPTIONS     the fields of LoadOptions that it reads, besides EVERY_FORMAT's
     load(path: pathlib.Path, options: LoadOptions) -> Scene
 
 and raises FormatError, its text beginning with the path, for a file that it cannot read. Modules
@@ -14,9 +15,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, Field, dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from ..errors import FormatError, unknown_name
 from ..scene import Scene
@@ -37,6 +39,11 @@ FORMATS: dict[str, str] = {
 
 # endings that may follow those of FORMATS
 COMPRESSED = (".gz", ".bz2", ".xz")
+
+
+# Permissions and demands that a format may have no occasion for; an option that is none of these
+# and that a format does not read is an error.
+EVERY_FORMAT = ("strict", "allow_paths")
 
 
 @dataclass(frozen=True)
@@ -87,10 +94,23 @@ def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Sc
     if ending not in FORMATS:
         raise FormatError(f"{file}: {unknown_name('file ending', ending, FORMATS)}")
     module = import_module(f".{FORMATS[ending]}", __name__)
+    options = options or LoadOptions()
+    for option in fields(LoadOptions):
+        known = (*module.OPTIONS, *EVERY_FORMAT)
+        if option.name not in known and getattr(options, option.name) != _default(option):
+            raise FormatError(
+                f"{file}: the option {option.name!r} is not for {module.NAME} files (choices:"
+                f" {', '.join(known)})"
+            )
     try:
-        scene = module.load(file, options or LoadOptions())
+        scene = module.load(file, options)
     except (OSError, MemoryError) as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise FormatError(f"{file}: cannot be read: {reason}") from error
     assert isinstance(scene, Scene)
     return scene
+
+
+def _default(option: Field[Any]) -> Any:
+    made = option.default_factory
+    return option.default if made is MISSING else made()

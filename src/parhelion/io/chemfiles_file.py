@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import elements
+from .. import elements, particles
 from ..errors import FormatError, SceneError
 from ..particles import Box, Labels, Particles, to_scene
 from ..scene import Scene
@@ -27,6 +27,7 @@ from .text import TextFile, errors_name, frame_index
 
 NAME = "PDB, GRO"
 SUFFIXES = (".pdb", ".gro")
+OPTIONS = particles.OPTIONS
 
 _logger = logging.getLogger(__name__)
 # Names of atoms, residues or chains that are told apart; the rest are called "X".

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import particles
 from ..errors import FormatError, SceneError
 from ..particles import Box, Labels, Particles, to_scene
 from ..scene import Scene
@@ -23,6 +24,7 @@ from .text import errors_name, frame_index
 
 NAME = "GSD"
 SUFFIXES = (".gsd",)
+OPTIONS = particles.OPTIONS
 
 # Chunks that are fields, with their names here
 _FIELDS = {

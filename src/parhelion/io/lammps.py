@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import particles
 from ..errors import SceneError
 from ..particles import Box, Labels, Particles, element_labels, to_scene
 from ..scene import Scene
@@ -20,6 +21,7 @@ from .text import Table, TextFile, errors_name, is_number
 
 NAME = "LAMMPS dump"
 SUFFIXES = (".dump", ".lammpstrj")
+OPTIONS = particles.OPTIONS
 
 # Columns of positions, best first: wrapped, unwrapped, and both as fractions of the box's edges.
 _POSITIONS = (("x", "y", "z"), ("xu", "yu", "zu"), ("xs", "ys", "zs"), ("xsu", "ysu", "zsu"))

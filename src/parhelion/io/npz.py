@@ -20,6 +20,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from .. import particles
 from ..errors import SceneError
 from ..particles import Box, Labels, Particles, element_labels, linear, to_scene
 from ..scene import Scene
@@ -28,6 +29,7 @@ from .text import errors_name, frame_index
 
 NAME = "NumPy archive"
 SUFFIXES = (".npz",)
+OPTIONS = particles.OPTIONS
 
 # An archive this large, unpacked, that was packed better than so many times is a zip bomb;
 # arrays of numbers pack less than 30 times.

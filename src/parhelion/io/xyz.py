@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import elements
+from .. import elements, particles
 from ..errors import SceneError
 from ..particles import Box, Labels, Particles, element_labels, linear, to_scene
 from ..scene import Scene
@@ -23,6 +23,7 @@ from .text import Table, TextFile, errors_name, is_number
 
 NAME = "XYZ"
 SUFFIXES = (".xyz", ".extxyz")
+OPTIONS = particles.OPTIONS
 
 # More columns than any program writes; a count beyond it is a broken file.
 _MOST_COLUMNS = 1000

@@ -15,5 +15,6 @@ from .writing import dumps
 
 NAME = "Parhelion scene"
 SUFFIXES = (".json",)
+OPTIONS = ()
 
 __all__ = ["NAME", "SUFFIXES", "dumps", "load", "schema"]

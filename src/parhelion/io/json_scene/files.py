@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import FormatError, SceneError
 from ...tables import LARGEST
+from .. import files
 from ..meshes import MeshData
 from .document import Pixels
 from .messages import clip
@@ -20,35 +21,18 @@ from .messages import clip
 MESH_READERS = {".obj": "obj", ".ply": "ply", ".serialized": "serialized"}
 
 
-class Folders:
-    """The folder of the scene, and others that the user allows."""
+class Folders(files.Folders):
+    """With readers of what JSON scenes name."""
 
-    def __init__(self, own: Path, allowed: Sequence[str] = ()) -> None:
-        self.own = own
-        self.allowed = tuple(Path(folder).expanduser() for folder in allowed)
-
-    def file(self, name: str, where: str) -> Path:
-        """The file of that name, which must be in one of the folders or one below it."""
-        shown = clip(name)
+    def file(self, name: str, where: str, beside: Path | None = None) -> Path:
+        """As of any scene; but a path that leaves the folder, if only to return, on any system, is
+        refused, so that a scene works wherever its folder goes.
+        """
         parts = (*PurePosixPath(name).parts, *PureWindowsPath(name).parts)
         leaves = name.startswith("/") or PureWindowsPath(name).anchor or ".." in parts
-        try:
-            own = self.own.resolve()
-            roots = (own, *(folder.resolve() for folder in self.allowed))
-            file = (own / name).resolve()
-            if (leaves and not self.allowed) or not any(file.is_relative_to(r) for r in roots):
-                raise SceneError(
-                    f"{where}: {shown!r} is not inside the scene's folder"
-                    " (--allow-path allows others)"
-                )
-            if not file.is_file():
-                raise SceneError(f"{where}: {shown!r}: no such file")
-        except SceneError:
-            raise
-        except (OSError, RuntimeError, ValueError) as error:  # too long, a loop of links, a NUL
-            reason = getattr(error, "strerror", None) or error
-            raise SceneError(f"{where}: {shown!r} cannot be read: {reason}") from None
-        return file
+        if leaves and self.roots == (self.own,):
+            raise self.outside(name, where)
+        return super().file(name, where, beside)
 
     def array(
         self, name: str, shapes: Sequence[tuple[int, ...]], low: float, whole: bool, where: str

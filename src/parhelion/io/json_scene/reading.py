@@ -17,23 +17,13 @@ from .entries import Entries
 from .files import Folders
 from .messages import invalid, malformed, member, unknown_choice
 
-# Those of the LoadOptions that would go unread here, and what they are for.
-_FOREIGN_OPTIONS = dict.fromkeys(
-    ("color_by", "colormap", "color_range", "radius", "ground", "frame"),
-    "particle files; a scene states its own shapes",
-) | {"defines": "Mitsuba's scenes, which have parameters"}
-
 
 def load(path: Path, options: LoadOptions) -> model.Scene:
     """The scene of a JSON file, which may be packed with gzip, bzip2 or xz.
 
-    Raises FormatError where the file is no valid scene, or an option is given that is for others.
-    A file that cannot be opened is the caller's OSError.
+    Raises FormatError where the file is no valid scene. A file that cannot be opened is the
+    caller's OSError.
     """
-    unset = LoadOptions()
-    for name, use in _FOREIGN_OPTIONS.items():
-        if getattr(options, name) != getattr(unset, name):
-            raise FormatError(f"{path}: the option {name!r} is for {use}")
     try:
         scene = parse(source.text(path), Folders(path.parent, options.allow_paths))
     except SceneError as error:

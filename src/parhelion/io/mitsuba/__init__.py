@@ -15,6 +15,7 @@ from .. import LoadOptions
 
 NAME = "Mitsuba"
 SUFFIXES = (".xml",)
+OPTIONS = ("defines",)
 
 
 def load(path: Path, options: LoadOptions) -> Scene:

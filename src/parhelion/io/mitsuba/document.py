@@ -16,6 +16,7 @@ from typing import Any
 from xml.parsers import expat
 
 from ...errors import FormatError, unknown_name
+from ..files import Folders
 from . import transforms
 
 # Elements that are objects of a type, and names that older versions called them by
@@ -109,11 +110,10 @@ class Document:
     version 0.x. notes: where Mitsuba does something else. Raises FormatError, naming file and line.
     """
 
-    def __init__(self, path: Path, defines: Mapping[str, str], allowed: tuple[Path, ...]) -> None:
+    def __init__(self, path: Path, defines: Mapping[str, str], allowed: Folders) -> None:
         self.path = path
-        self.folder = path.parent.resolve()
-        self.allowed = (self.folder, *allowed)
-        self.folders = [self.folder]
+        self.allowed = allowed
+        self.folders = [allowed.own]
         self.objects: list[Object] = []
         self.by_id: dict[str, Object] = {}
         self.old = False
@@ -157,7 +157,7 @@ class Document:
                 candidate = (folder / name).resolve()
             except (OSError, ValueError, RuntimeError):  # a NUL, a loop of links
                 continue
-            if not any(candidate.is_relative_to(root) for root in self.allowed):
+            if not self.allowed.allows(candidate):
                 refused.append(candidate)
             elif candidate.is_file():
                 return candidate
@@ -308,10 +308,7 @@ class Document:
             file = self.file(name, node.place)
         except FormatError:
             beside = (node.place.file.parent / name).resolve()
-            if (
-                not any(beside.is_relative_to(root) for root in self.allowed)
-                or not beside.is_file()
-            ):
+            if not self.allowed.allows(beside) or not beside.is_file():
                 raise
             file = beside
         if file in self._including or file == self.path.resolve():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,13 +13,12 @@ from ... import spectra
 from ...errors import FormatError, SceneError, unknown_name
 from ...scene import Camera, Light, Material, Scene, Settings, Shape, Texture
 from .. import LoadOptions
+from ..files import Folders, Reports
 from .document import Document, Object, Ref, Value
 
 Color = tuple[float, float, float]
 Matrix = NDArray[np.float64]
 T = TypeVar("T")
-
-log = logging.getLogger("parhelion")
 
 # Weights of linear Rec. 709 red, green and blue in luminance (ITU-R BT.709-6)
 _LUMINANCE = (0.212671, 0.715160, 0.072169)
@@ -35,13 +33,11 @@ class Reader:
 
     def __init__(self, path: Path, options: LoadOptions) -> None:
         self.path = path
-        self.strict = options.strict
-        allowed = tuple(Path(folder).expanduser().resolve() for folder in options.allow_paths)
-        self.document = Document(path, options.defines, allowed)
+        self.document = Document(path, options.defines, Folders(path.parent, options.allow_paths))
         self.materials: dict[str, Material] = {}
         self._made: dict[int, Any] = {}
         self._making: list[Object] = []
-        self._reports: dict[str, None] = {}
+        self._reports = Reports(path, options.strict)
         self._unread: set[tuple[str, str, str]] = set()
         self._names: dict[str, int] = {}
         self._files: dict[tuple[Path, int], Any] = {}
@@ -75,7 +71,7 @@ class Reader:
         background, lights = emitters.split(self, lights)
         for note in self.document.notes:
             self.report(note)
-        self._tell()
+        self._reports.tell()
         return Scene(
             shapes=tuple(shown),
             materials=self.materials,
@@ -90,14 +86,7 @@ class Reader:
 
     def report(self, text: str) -> None:
         """Notes something that the scene asks for and we do not do; the same text once."""
-        self._reports.setdefault(text)
-
-    def _tell(self) -> None:
-        if self._reports and self.strict:
-            lines = "".join(f"\n  {text}" for text in self._reports)
-            raise FormatError(f"{self.path}: strict, and not all of it is supported:{lines}")
-        for text in self._reports:
-            log.warning("%s: %s", self.path.name, text)
+        self._reports.add(text)
 
     def unique(self, name: str) -> str:
         """The name, with a number if another shape has it."""
