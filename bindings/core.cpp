@@ -277,14 +277,20 @@ TextureBinding to_binding(const nb::dict& d) {
 
 constexpr TextureBinding kNoTexture = {kNone, 0, 0, 0};
 
+// Of a material or texture: appended to all others.
+template <class Record>
+void add_bindings(const nb::dict& d, Record& record, std::vector<TextureBinding>& bindings) {
+  record.first_binding = static_cast<u32>(bindings.size());
+  for (nb::handle h : nb::cast<nb::list>(d["bindings"])) {
+    bindings.push_back(to_binding(nb::cast<nb::dict>(h)));
+    ++record.binding_count;
+  }
+}
+
 MaterialRecord to_material(const nb::dict& d, std::vector<TextureBinding>& bindings) {
   MaterialRecord m{};
   m.block = to_block(get<BlockTuple>(d, "block"));
-  m.first_binding = static_cast<u32>(bindings.size());
-  for (nb::handle h : nb::cast<nb::list>(d["bindings"])) {
-    bindings.push_back(to_binding(nb::cast<nb::dict>(h)));
-    ++m.binding_count;
-  }
+  add_bindings(d, m, bindings);
   const auto texture = [&](const char* key) {
     return d.contains(key) ? to_binding(nb::cast<nb::dict>(d[key])) : kNoTexture;
   };
@@ -307,12 +313,14 @@ MaterialRecord to_material(const nb::dict& d, std::vector<TextureBinding>& bindi
   return m;
 }
 
-TextureRecord to_texture(const nb::dict& d) {
+TextureRecord to_texture(const nb::dict& d, std::vector<TextureBinding>& bindings) {
   TextureRecord t{};
   t.block = to_block(get<BlockTuple>(d, "block"));
+  add_bindings(d, t, bindings);
   const auto to_uv = get<std::array<float, 6>>(d, "to_uv");
   std::copy(to_uv.begin(), to_uv.end(), t.to_uv);
   t.image = get<u32>(d, "image", kNone);
+  t.uvs = get<u32>(d, "uvs", kNone);
   return t;
 }
 
@@ -361,7 +369,7 @@ SceneInput to_scene(const nb::dict& d) {
     input.materials.push_back(to_material(nb::cast<nb::dict>(m), input.bindings));
   }
   for (nb::handle t : nb::cast<nb::list>(d["textures"])) {
-    input.textures.push_back(to_texture(nb::cast<nb::dict>(t)));
+    input.textures.push_back(to_texture(nb::cast<nb::dict>(t), input.bindings));
   }
   for (nb::handle i : nb::cast<nb::list>(d["images"])) {
     input.images.push_back(to_image(nb::cast<nb::dict>(i)));

@@ -198,47 +198,42 @@ PH_INLINE TexturePoint texture_point(const SceneView& scene, const Surface& s, f
   return {s.uv, width * s.uv_rate, s.point * unit, width * unit};
 }
 
+// What a surface's mesh has at it by the name of an attribute: black where there is none.
+PH_INLINE Texel attribute_at(const Surface& s, u32 name) {
+  for (u32 i = 0; i < s.shape->attribute_count; ++i) {
+    const MeshAttribute& a = s.shape->attributes[i];
+    if (a.name != name) continue;
+    const u32* face = face_of(*s.shape, s.id);
+    const auto value = [&](u32 component) {
+      const u32 c = a.components == 1 ? 0 : component;
+      if (c >= a.components) return 0.0f;
+      if (a.per_face) {
+        return a.values[static_cast<u64>(s.id - s.shape->first_id) * a.components + c];
+      }
+      const auto at = [&](u32 corner) {
+        return a.values[static_cast<u64>(face[corner]) * a.components + c];
+      };
+      return at(0) * (1.0f - s.parameter.x - s.parameter.y) + at(1) * s.parameter.x +
+             at(2) * s.parameter.y;
+    };
+    return {{value(0), value(1), value(2)}, 1.0f};
+  }
+  return {{0, 0, 0}, 1.0f};
+}
+
 // width: of the footprint that the value is wanted for, in units of length.
 PH_INLINE Texel texel(const SceneView& scene, u32 texture, const Surface& s, float width) {
-  const TextureRecord& record = scene.textures[texture];
-  if (static_cast<TextureKind>(record.block.kind) == TextureKind::attribute) {
-    const u32 name = static_cast<u32>(record.block.value[0]);
-    for (u32 i = 0; i < s.shape->attribute_count; ++i) {
-      const MeshAttribute& a = s.shape->attributes[i];
-      if (a.name != name) continue;
-      const u32* face = face_of(*s.shape, s.id);
-      const auto value = [&](u32 component) {
-        const u32 c = a.components == 1 ? 0 : component;
-        if (a.per_face)
-          return a.values[static_cast<u64>(s.id - s.shape->first_id) * a.components + c];
-        const auto at = [&](u32 corner) {
-          return a.values[static_cast<u64>(face[corner]) * a.components + c];
-        };
-        return at(0) * (1.0f - s.parameter.x - s.parameter.y) + at(1) * s.parameter.x +
-               at(2) * s.parameter.y;
-      };
-      return {{value(0), value(1), value(2)}, 1.0f};
-    }
-    return {{0, 0, 0}, 1.0f};
-  }
-  return evaluate(scene.textures, scene.images, texture, texture_point(scene, s, width));
+  return evaluate(scene.textures, texture, texture_point(scene, s, width),
+                  [&](u32 name) { return attribute_at(s, name); });
 }
 
 // How much higher a height field is per unit of uv.
 PH_INLINE Vec2 bump_slope(const SceneView& scene, u32 texture, const Surface& s, float width) {
   const float unit = static_cast<float>(scene.unit);
-  return slope(scene.textures, scene.images, texture, texture_point(scene, s, width), s.dpdu * unit,
-               s.dpdv * unit, [](const Texel& t) { return luminance(t.rgb); });
-}
-
-PH_INLINE float channel_of(const Texel& t, u32 channel) {
-  switch (channel) {
-    case 1: return t.rgb.x;
-    case 2: return t.rgb.y;
-    case 3: return t.rgb.z;
-    case 4: return t.a;
-    default: return luminance(t.rgb);
-  }
+  return slope(
+      scene.textures, texture, texture_point(scene, s, width), s.dpdu * unit, s.dpdv * unit,
+      [](const Texel& t) { return luminance(t.rgb); },
+      [&](u32 name) { return attribute_at(s, name); });
 }
 
 PH_INLINE float scalar(const SceneView& scene, float value, const TextureBinding& binding,
@@ -258,15 +253,8 @@ PH_INLINE ParamBlock parameters(const SceneView& scene, const MaterialRecord& m,
                                 float width) {
   ParamBlock block = m.block;
   for (u32 i = 0; i < m.binding_count; ++i) {
-    const TextureBinding& b = scene.bindings[m.first_binding + i];
-    const Texel t = texel(scene, b.texture, s, width);
-    if (b.size == 3) {
-      block.value[b.offset] = t.rgb.x;
-      block.value[b.offset + 1] = t.rgb.y;
-      block.value[b.offset + 2] = t.rgb.z;
-    } else {
-      block.value[b.offset] = channel_of(t, b.channel);
-    }
+    const TextureBinding& b = scene.textures.bindings[m.first_binding + i];
+    put(block, b, texel(scene, b.texture, s, width));
   }
   return block;
 }

@@ -5,6 +5,8 @@
 #include "textures/attribute.h"
 #include "textures/checker.h"
 #include "textures/image.h"
+#include "textures/mix.h"
+#include "textures/multiply.h"
 #include "textures/noise.h"
 #include "textures/ramp.h"
 
@@ -44,41 +46,99 @@ PH_INLINE float stretch(const TextureRecord& record) {
   return sqrt(max(m[0] * m[0] + m[3] * m[3], m[1] * m[1] + m[4] * m[4]));
 }
 
-PH_INLINE TexturePoint own_point(const TextureRecord& record, const TexturePoint& point) {
+template <class Attributes>
+PH_INLINE TexturePoint own_point(const TextureRecord& record, const TexturePoint& point,
+                                 const Attributes& attribute) {
   TexturePoint own = point;
-  own.uv = own_uv(record, point.uv);
+  Vec2 uv = point.uv;
+  if (record.uvs != kNone) {
+    const Vec3 other = attribute(record.uvs).rgb;
+    uv = {other.x, other.y};
+  }
+  own.uv = own_uv(record, {uv.x + point.shift.x, uv.y + point.shift.y});
   own.width = point.width * stretch(record);
   return own;
 }
 
-// What texture `id` has at a point of a surface.
-inline Texel evaluate(const TextureRecord* records, const ImageView* images, u32 id,
-                      const TexturePoint& point) {
-  const TextureRecord& record = records[id];
-  const TexturePoint own = own_point(record, point);
-  return with_texture(record,
-                      [&](const auto& texture) { return lookup(texture, images, record, own); });
+PH_INLINE float channel_of(const Texel& t, u32 channel) {
+  switch (channel) {
+    case 1: return t.rgb.x;
+    case 2: return t.rgb.y;
+    case 3: return t.rgb.z;
+    case 4: return t.a;
+    default: return luminance(t.rgb);
+  }
+}
+
+// Puts what a texture has in the place of the parameters that it stands for.
+PH_INLINE void put(ParamBlock& block, const TextureBinding& binding, const Texel& t) {
+  float* value = block.value + binding.offset;
+  if (binding.size == 1) {
+    *value = channel_of(t, binding.channel);
+    return;
+  }
+  const float c = channel_of(t, binding.channel);
+  const Vec3 rgb = binding.channel == 0 ? t.rgb : Vec3{c, c, c};
+  value[0] = rgb.x;
+  value[1] = rgb.y;
+  value[2] = rgb.z;
+}
+
+// What texture `id` has at a point of a surface. attribute(name): what the surface's mesh has
+// there.
+template <class Attributes>
+inline Texel evaluate(const TextureTables& tables, u32 id, const TexturePoint& point,
+                      const Attributes& attribute) {
+  const TextureRecord& listed = tables.records[id];
+  if (static_cast<TextureKind>(listed.block.kind) == TextureKind::attribute) {
+    return attribute(static_cast<u32>(listed.block.value[0]));
+  }
+  const auto look = [&](const TextureRecord& record) {
+    const TexturePoint own = own_point(record, point, attribute);
+    return with_texture(record,
+                        [&](const auto& t) { return lookup(t, tables.images, record, own); });
+  };
+  if (listed.binding_count == 0) return look(listed);
+  TextureRecord record = listed;
+  for (u32 i = 0; i < listed.binding_count; ++i) {
+    const TextureBinding& b = tables.bindings[listed.first_binding + i];
+    put(record.block, b, evaluate(tables, b.texture, point, attribute));
+  }
+  return look(record);
+}
+
+// The distance in the surface's uv over which a texture, and those it is made of, change little.
+// size: of a unit of uv in scene units, at most.
+template <class Attributes>
+inline float step_of(const TextureTables& tables, u32 id, const TexturePoint& point, float size,
+                     const Attributes& attribute) {
+  const TextureRecord& record = tables.records[id];
+  const TexturePoint own = own_point(record, point, attribute);
+  float least = with_texture(record, [&](const auto& texture) {
+    return step(texture, tables.images, record, own, {stretch(record), size});
+  });
+  for (u32 i = 0; i < record.binding_count; ++i) {
+    const u32 other = tables.bindings[record.first_binding + i].texture;
+    least = min(least, step_of(tables, other, point, size, attribute));
+  }
+  return least;
 }
 
 // d value / du and d value / dv along a surface whose point moves by dpdu and dpdv (scene units),
-// for bump maps: central differences. `value` makes a number of a Texel.
-template <class Value>
-inline Vec2 slope(const TextureRecord* records, const ImageView* images, u32 id,
-                  const TexturePoint& point, Vec3 dpdu, Vec3 dpdv, Value&& value) {
-  const TextureRecord& record = records[id];
-  const TexturePoint own = own_point(record, point);
-  return with_texture(record, [&](const auto& texture) -> Vec2 {
-    const float most = stretch(record);
-    const float size = sqrt(max(dot(dpdu, dpdu), dot(dpdv, dpdv)));
-    const float h = step(texture, images, record, own, {most, size});
-    const auto at = [&](float du, float dv) {
-      TexturePoint moved = own;
-      moved.uv = own_uv(record, {point.uv.x + du, point.uv.y + dv});
-      moved.position = point.position + dpdu * du + dpdv * dv;
-      return value(lookup(texture, images, record, moved));
-    };
-    return {(at(h, 0.0f) - at(-h, 0.0f)) / (2.0f * h), (at(0.0f, h) - at(0.0f, -h)) / (2.0f * h)};
-  });
+// for bump maps: central differences. `value` makes a number of a Texel. Attributes count as
+// constant.
+template <class Value, class Attributes>
+inline Vec2 slope(const TextureTables& tables, u32 id, const TexturePoint& point, Vec3 dpdu,
+                  Vec3 dpdv, Value&& value, const Attributes& attribute) {
+  const float size = sqrt(max(dot(dpdu, dpdu), dot(dpdv, dpdv)));
+  const float h = step_of(tables, id, point, size, attribute);
+  const auto at = [&](float du, float dv) {
+    TexturePoint moved = point;
+    moved.shift = {du, dv};
+    moved.position = point.position + dpdu * du + dpdv * dv;
+    return value(evaluate(tables, id, moved, attribute));
+  };
+  return {(at(h, 0.0f) - at(-h, 0.0f)) / (2.0f * h), (at(0.0f, h) - at(0.0f, -h)) / (2.0f * h)};
 }
 
 }  // namespace parhelion::PH_ISA

@@ -66,7 +66,7 @@ struct Group {
 struct MeshAttribute {
   const float* values;
   u32 name;        // as texture parameters say it
-  u32 components;  // 1 or 3
+  u32 components;  // 1 to 3
   bool per_face;   // else per vertex
 };
 
@@ -82,14 +82,6 @@ struct ShapeRecord {
   u32 attribute_count;
   bool inside_out;    // normals point the other way
   float rotation[9];  // of a sphere's own frame to the scene, row-major
-};
-
-// A texture that stands for some of a material's parameters.
-struct TextureBinding {
-  u32 texture;
-  u32 offset;   // of the first float that is replaced
-  u32 size;     // 1 or 3
-  u32 channel;  // of a single number: 0 luminance, 1 r, 2 g, 3 b, 4 a
 };
 
 // A surface's material: its type's own parameters, and what every type has.
@@ -132,9 +124,7 @@ struct SceneView {
   const ShapeRecord* shapes;
   u32 shape_count;
   const MaterialRecord* materials;
-  const TextureBinding* bindings;
-  const TextureRecord* textures;
-  const ImageView* images;
+  TextureTables textures;
   const u32* material_of;  // by primitive id, where a shape's record says so
   const Vec3* color_of;    // by primitive id, NaN in x for the material's own; null if none has one
   bool has_holes;          // some material has holes or is clear

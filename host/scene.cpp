@@ -169,9 +169,9 @@ Scene::Scene(SceneInput input)
   if (input.groups.empty()) input.groups.emplace_back();
   for (const ImageInput& image : input.images) pyramids_.emplace_back(image);
   for (const ImagePyramid& p : pyramids_) images_.push_back(p.view());
-  view_.images = images_.data();
-  view_.textures = textures_.data();
-  view_.bindings = bindings_.data();
+  view_.textures.images = images_.data();
+  view_.textures.records = textures_.data();
+  view_.textures.bindings = bindings_.data();
 
   // What primitives have of their own, by id.
   bool many_materials = false, colored = false;
@@ -461,7 +461,7 @@ void Scene::make_lights(std::vector<LightInput> inputs, const std::vector<BuiltG
   }
   images_.clear();
   for (const ImagePyramid& p : pyramids_) images_.push_back(p.view());
-  view_.images = images_.data();
+  view_.textures.images = images_.data();
   for (const DistributionTable& d : distributions_) distribution_views_.push_back(d.view());
   view_.lights = lights_.data();
   view_.light_count = static_cast<u32>(lights_.size());

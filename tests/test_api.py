@@ -75,6 +75,16 @@ READ_ONLY = np.array(CENTERS, float)
 READ_ONLY.flags.writeable = False
 
 
+MIX = ph.Texture("mix")
+
+
+def deep_texture(depth: int) -> ph.Texture:
+    texture = MIX
+    for _ in range(depth):
+        texture = ph.Texture("mix", color0=texture)
+    return texture
+
+
 @pytest.mark.parametrize(
     "centers",
     [
@@ -216,6 +226,22 @@ def test_a_material_by_name_by_itself_and_by_index() -> None:
         (
             ph.Scene(materials={"a": ph.Material("diffuse", color=ph.Texture("image"))}),
             "material 'a': parameter 'color': texture: parameter 'image' is missing",
+        ),
+        (
+            ph.Scene(materials={"a": ph.Material("diffuse", color=deep_texture(17))}),
+            "material 'a': parameter 'color': texture: is made of textures more than 16 deep",
+        ),
+        (
+            ph.Scene(materials={"a": ph.Material("diffuse", color=ph.Texture("mix", wight=MIX))}),
+            "material 'a': parameter 'color': texture: unknown parameter 'wight'; did you mean",
+        ),
+        (
+            ph.Scene(materials={"a": ph.Material("diffuse", color=ph.Texture("ramp", shape=MIX))}),
+            "material 'a': parameter 'color': texture: parameter 'shape' cannot be a Texture",
+        ),
+        (
+            ph.Scene(materials={"a": ph.Material("diffuse", color=ph.Texture("mix", uvs=2))}),
+            "material 'a': parameter 'color': texture: uvs must be the name of an attribute",
         ),
         (
             ph.Scene(materials={"a": ph.Material("diffuse", emission=-1)}),

@@ -67,7 +67,11 @@ VALID: dict[str, Any] = {
             "emission": [0.5, 0, 0],
             "two_sided_emission": True,
             "opacity": {"type": "attribute", "name": "vertex_age"},
-            "bump_map": {"type": "noise", "size": 0.5},
+            "bump_map": {
+                "type": "multiply",
+                "color0": {"type": "noise", "size": 0.5},
+                "uvs": "vertex_other",
+            },
             "two_sided": False,
             "back": "brass",
             "priority": 3,
@@ -226,7 +230,7 @@ def test_every_field_arrives(folder: Path) -> None:
         emission=(0.5, 0, 0),
         two_sided_emission=True,
         opacity=ph.Texture("attribute", name="vertex_age"),
-        bump_map=ph.Texture("noise", size=0.5),
+        bump_map=ph.Texture("multiply", color0=ph.Texture("noise", size=0.5), uvs="vertex_other"),
         two_sided=False,
         back="brass",
         priority=3,
@@ -604,8 +608,12 @@ BAD_DOCUMENTS: list[tuple[Any, str]] = [
                 "steel.fuzz.transform: is [[1,0,0]]; must be an array of length >= 2",
             ),
             (
-                {"fuzz": {"type": "checker", "color0": {"type": "noise"}}},
-                "steel.fuzz: parameter 'color0' is {'type': 'noise'}; must be 3 numbers",
+                {"fuzz": {"type": "checker", "color0": {"type": "nose"}}},
+                "steel.fuzz.color0: unknown texture type 'nose'; did you mean 'noise'?",
+            ),
+            (
+                {"fuzz": {"type": "checker", "filter": {"type": "noise"}}},
+                "steel.fuzz: unknown filter \"{'type': 'noise'}\"",
             ),
             ({"fuzz": {"type": "attribute"}}, "steel.fuzz: the field 'name', the attribute's, is"),
             ({"fuzz": {"type": "noise", "name": "a"}}, "steel.fuzz: unknown parameter 'name'"),
@@ -668,7 +676,7 @@ BAD_DOCUMENTS: list[tuple[Any, str]] = [
     ),
     (
         mesh(attributes={"vertex_a": [0, [1, 2, 3], 2]}),
-        "$.shapes[0].attributes.vertex_a: mixes numbers and arrays of 3",
+        "$.shapes[0].attributes.vertex_a: mixes numbers, pairs and arrays of 3",
     ),
     (
         other("disks", centers=[[0, 0, 0]], axis_u=[[1, 0, 0]]),
@@ -996,8 +1004,8 @@ def test_npy_of_every_shape(tmp_path: Path) -> None:
         ({"faces": save(tmp_path, "n.npy", [[0, 1, -1]])}, "faces: 'n.npy': [0][2] is -1; must be"),
         ({"uvs": saved["v"]}, "uvs: 'v.npy' has shape (3, 3); must be (N, 2)"),
         (
-            {"attributes": {"vertex_a": saved["uv"]}},
-            "attributes.vertex_a: 'uv.npy' has shape (3, 2); must be (N,) or (N, 3)",
+            {"attributes": {"vertex_a": saved["m"]}},
+            "attributes.vertex_a: 'm.npy' has shape (2, 3, 4); must be (N,) or (N, 2) or (N, 3)",
         ),
     ):
         assert refusal(tmp_path, mesh(**members)).startswith(f"$.shapes[0].{words}")

@@ -1090,6 +1090,76 @@ def test_attributes() -> None:
         np.testing.assert_allclose(pixels, expected, atol=1e-5)
 
 
+def test_textures_of_textures() -> None:
+    rng = np.random.default_rng(13)
+    a, b, w = (rng.uniform(0, 1, (4, 4, n)).astype(np.float32) for n in (3, 3, 1))
+    one, other, share = (ph.Texture("image", image=x, filter="nearest") for x in (a, b, w))
+    red = ph.Texture("image", image=a, filter="nearest", channel="r")
+    turned_over = ph.Texture(
+        "image", image=a, filter="nearest", transform=[[1, 0, 0], [0, -1, 1]], wrap_v="clamp"
+    )
+    for texture, expected in (
+        (ph.Texture("multiply", color0=one, color1=other), a * b),
+        (ph.Texture("multiply", color0=one, color1=(0.5, 1, 0.25)), a * [0.5, 1, 0.25]),
+        (ph.Texture("mix", color0=one, color1=other, weight=share), a + (b - a) * w),
+        (ph.Texture("mix", color0=one, color1=other, weight=red), a + (b - a) * a[..., :1]),
+        (ph.Texture("mix", color0=one, color1=turned_over, weight=0.25), 0.75 * a + 0.25 * a[::-1]),
+        (red, np.repeat(a[..., :1], 3, -1)),
+        (
+            ph.Texture(
+                "multiply", color0=ph.Texture("multiply", color0=one, color1=one), color1=b[0, 0]
+            ),
+            a * a * b[0, 0],
+        ),
+    ):
+        np.testing.assert_allclose(
+            colored(ph.Material("diffuse", color=texture)), expected, rtol=1e-5
+        )
+
+
+def test_bump_map_of_textures() -> None:
+    """Heights times a number are those of a map that is that much higher."""
+    image = np.random.default_rng(14).uniform(0, 0.2, (16, 16)).astype(np.float32)
+    plain = ph.Texture("image", image=image / 2, filter="bilinear")
+    twice = ph.Texture("image", image=image, filter="bilinear")
+    halved = ph.Texture("multiply", color0=twice, color1=(0.5, 0.5, 0.5))
+    pictures = [
+        Floor(size=16).render(
+            material=ph.Material("diffuse", color=(1, 1, 1), bump_map=t), lights=[SLANTED], spp=1
+        )
+        for t in (plain, halved)
+    ]
+    assert np.ptp(pictures[0]) > 0.1
+    np.testing.assert_allclose(pictures[1], pictures[0], rtol=1e-4, atol=1e-5)
+
+
+def test_uvs_of_an_attribute() -> None:
+    """A second set of uvs, a quarter turn from the first, and one by vertex times an image."""
+    image = np.random.default_rng(15).uniform(0, 1, (4, 4, 3)).astype(np.float32)
+    floor = Floor(size=4)
+    mesh = floor.mesh()
+    uvs = np.asarray(mesh.uvs)
+    other = np.stack([uvs[:, 1], 1 - uvs[:, 0]], axis=1)
+    tint = np.tile([0.5, 0.25, 1.0], (4, 1))
+    texture = ph.Texture("image", image=image, filter="nearest", uvs="vertex_other")
+    for color, expected in (
+        (texture, np.rot90(image)),
+        (
+            ph.Texture(
+                "multiply", color0=texture, color1=ph.Texture("attribute", name="vertex_tint")
+            ),
+            np.rot90(image) * tint[0],
+        ),
+    ):
+        material = ph.Material("diffuse", color=color)
+        turned_mesh = replace(
+            mesh, material=material, attributes={"vertex_other": other, "vertex_tint": tint}
+        )
+        scene = ph.Scene([turned_mesh], camera=floor.camera(), background=WHITE)
+        pixels = picture(scene, width=4, height=4, spp=1, max_depth=2)
+        np.testing.assert_allclose(pixels, expected, rtol=1e-5)
+
+
 # --- Instances ---------------------------------------------------------------------------------
 
 

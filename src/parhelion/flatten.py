@@ -244,23 +244,12 @@ class _Parts:
             transmits = entry.transmits
             plain = {k: v for k, v in params.items() if not isinstance(v, Texture)}
             record["block"] = block("materials", m.type, plain, where)
-            offset = 0
             listed = {p.name for p in entry.params}
             for key in params:
                 if key not in listed:
                     raise SceneError(f"{where}: {unknown_name('parameter', key, listed | COMMON)}")
-            for p in entry.params:
-                given = params.get(p.name)
-                if isinstance(given, Texture):
-                    if p.choices:
-                        raise SceneError(f"{where}: parameter {p.name!r} cannot be a Texture")
-                    record["bindings"].append(
-                        self.binding(given, p.size, offset, f"{where}: parameter {p.name!r}")
-                    )
-                elif p.name == "anisotropy" and record["block"][1][offset] != 0:
-                    uses_uv = True
-                offset += p.size
-            uses_uv = uses_uv or bool(record["bindings"])
+            record["bindings"] = self.bindings(entry, params, where)
+            uses_uv = bool(record["bindings"]) or bool(params.get("anisotropy"))
         emission = common.get("emission", (0.0, 0.0, 0.0))
         if isinstance(emission, Texture):
             record["emission"] = (1.0, 1.0, 1.0)
@@ -320,6 +309,7 @@ class _Parts:
         """A texture in the place of `size` numbers of a block, from `offset`. data: no colours."""
         if not isinstance(texture, Texture):
             raise SceneError(f"{where}: a Texture is needed, not {texture!r}")
+        _refuse_deep(texture, where)
         channel = texture.params.get("channel", "rgb")
         if channel not in _CHANNELS:
             raise SceneError(f"{where}: texture: {unknown_name('channel', channel, _CHANNELS)}")
@@ -331,11 +321,32 @@ class _Parts:
             "channel": _CHANNELS[channel],
         }
 
+    def bindings(
+        self, entry: tables.Entry, params: Mapping[str, Any], where: str, data: bool = False
+    ) -> list[dict[str, int]]:
+        """Of those parameters that are textures."""
+        found: list[dict[str, int]] = []
+        offset = 0
+        for p in entry.params:
+            given = params.get(p.name)
+            if isinstance(given, Texture):
+                if p.choices or (entry.name, p.name) == ("attribute", "name"):
+                    raise SceneError(f"{where}: parameter {p.name!r} cannot be a Texture")
+                what = f"{where}: parameter {p.name!r}"
+                found.append(self.binding(given, p.size, offset, what, data))
+            offset += p.size
+        for key in params.keys() - {p.name for p in entry.params}:
+            if isinstance(params[key], Texture):
+                known = [p.name for p in entry.params]
+                raise SceneError(f"{where}: {unknown_name('parameter', key, known)}")
+        return found
+
     def texture_index(self, t: Texture, where: str, data: bool) -> int:
         key = Texture(t.type, **t.params, __data=data)
         if key not in self._textures_made:
+            record = self._texture(t, where, data)  # those that it is made of come before it
             self._textures_made[key] = len(self.textures)
-            self.textures.append(self._texture(t, where, data))
+            self.textures.append(record)
             self._kept.append(t)
         return self._textures_made[key]
 
@@ -344,15 +355,23 @@ class _Parts:
         params = dict(t.params)
         common = {
             key: params.pop(key)
-            for key in ("image", "color_space", "transform", "channel")
+            for key in ("image", "color_space", "transform", "channel", "uvs")
             if key in params
         }
+        made_of = {key: x for key, x in params.items() if isinstance(x, Texture)}
+        for key in made_of:
+            del params[key]
         if t.type == "attribute":
             name = params.pop("name", None)
             if not isinstance(name, str):
                 raise SceneError(f"{where}: parameter 'name', the attribute's, is missing")
             params["name"] = self.attribute(name)
         record: dict[str, Any] = {"block": block("textures", t.type, params, where)}
+        record["bindings"] = self.bindings(entry, made_of, where, data)
+        if common.get("uvs") is not None:
+            if not isinstance(common["uvs"], str):
+                raise SceneError(f"{where}: uvs must be the name of an attribute of meshes")
+            record["uvs"] = self.attribute(common["uvs"])
         matrix = np.eye(3)[:2]
         if common.get("transform") is not None:
             matrix = _floats(common["transform"], f"{where}: transform")
@@ -481,10 +500,10 @@ class _Parts:
         if not per_face and not key.startswith("vertex_"):
             raise SceneError(f"{what}: its name must begin with 'vertex_' or 'face_'")
         rows = faces if per_face else vertices
-        if array.shape not in ((rows,), (rows, 1), (rows, 3)):
+        if array.shape not in ((rows,), (rows, 1), (rows, 2), (rows, 3)):
             raise SceneError(
-                f"{what} has shape {array.shape}; must be ({rows},) or ({rows}, 3), one for each"
-                f" {'face' if per_face else 'vertex'}"
+                f"{what} has shape {array.shape}; must be ({rows},), ({rows}, 2) or ({rows}, 3),"
+                f" one for each {'face' if per_face else 'vertex'}"
             )
         bad = np.flatnonzero(~np.isfinite(array.reshape(rows, -1)).all(axis=1))
         if bad.size:
@@ -643,6 +662,24 @@ def _curves(shape: Curves, where: str) -> dict[str, Any]:
         "along": along,
         "flags": flags,
     }
+
+
+# Textures are looked up by recursion.
+_DEEPEST_TEXTURE = 16
+
+
+def _refuse_deep(texture: Texture, where: str) -> None:
+    """Raises SceneError for textures made of textures made of ... without end."""
+    level = [texture]
+    for _ in range(_DEEPEST_TEXTURE):
+        level = [x for t in level for x in t.params.values() if isinstance(x, Texture)]
+        if not level:
+            return
+        if len(level) > 4096:
+            break
+    raise SceneError(
+        f"{where}: texture: is made of textures more than {_DEEPEST_TEXTURE} deep, or of thousands"
+    )
 
 
 # --- Arrays --------------------------------------------------------------------------------------

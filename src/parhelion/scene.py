@@ -124,7 +124,8 @@ def _comparable(value: Any) -> object:
 class Texture(_Entry):
     """A colour or a number that varies over a surface: `Texture("image", image="wood.jpg")`.
 
-    Besides the parameters of its type, as listed in core/textures.def:
+    Each parameter of its type, as listed in core/textures.def, is a number, a colour or another
+    Texture, as in `Texture("multiply", color0=wood, color1=dirt)`. Besides:
 
     image: the pixels of the types that have some: (H, W), (H, W, 3) or (H, W, 4) numbers, the first
         row at the top (v = 1), or the path of a picture file. Integers count from 0 to the largest
@@ -132,8 +133,9 @@ class Texture(_Entry):
     color_space: of the image: "srgb" is decoded, "linear" taken as it is; "auto", the default, is
         srgb for the colours of 8-bit images and linear for all else, such as numbers and normals.
     transform: (2, 3) or (3, 3) matrix applied to a surface's (u, v, 1) before the lookup.
-    channel: "rgb" (default), "luminance", "r", "g", "b" or "a": what to take where the parameter is
-        a number; a number from "rgb" is the luminance.
+    channel: "rgb" (default), "luminance", "r", "g", "b" or "a": what to take; the last four are
+        grey where a colour is wanted, and a number from "rgb" is the luminance.
+    uvs: the name of an attribute of meshes, (V, 2) numbers, taken in the place of a surface's uvs.
     """
 
 
@@ -205,8 +207,8 @@ class Mesh:
     normals: (V, 3) shading normals, of any length, or None for flat faces. uvs: (V, 2) or None.
     material: as in Spheres; (F,) names or integers give each face its own.
     colors: (F, 3) linear RGB a face that replaces the material's own colour, or None.
-    attributes: named arrays for Texture("attribute", name=...), (V,), (V, 3), (F,) or (F, 3); the
-        name's ending says of what: "vertex_..." or "face_...".
+    attributes: named arrays for Texture("attribute", name=...), (V,), (V, 3), (F,) or (F, 3), and
+        for uvs of a Texture, (V, 2) or (F, 2); the name begins with "vertex_" or "face_".
     inside_out: normals point the other way.
     """
 

@@ -28,11 +28,14 @@ TextureRecord record(TextureKind kind, std::vector<float> values) {
   r.block.kind = static_cast<u32>(kind);
   std::copy(values.begin(), values.end(), r.block.value);
   r.to_uv[0] = r.to_uv[4] = 1.0f;
+  r.uvs = kNone;
   return r;
 }
 
+constexpr auto no_attribute = [](u32) { return Texel{{0, 0, 0}, 1}; };
+
 Texel look(const TextureRecord& r, const ImageView* image, float u, float v, float width = 0.0f) {
-  return ph::evaluate(&r, image, 0, {{u, v}, width, {0, 0, 0}});
+  return ph::evaluate({&r, nullptr, image}, 0, {{u, v}, width, {0, 0, 0}}, no_attribute);
 }
 
 std::string message_of(const ImageInput& input) {
@@ -205,7 +208,7 @@ void ramps_and_noise() {
 void slopes() {
   const auto grey = [](const Texel& t) { return t.rgb.x; };
   const auto slope = [&](const TextureRecord& r, const ImageView* image, TexturePoint p) {
-    return ph::slope(&r, image, 0, p, {2, 0, 0}, {0, 3, 0}, grey);
+    return ph::slope({&r, nullptr, image}, 0, p, {2, 0, 0}, {0, 3, 0}, grey, no_attribute);
   };
   TextureRecord ramp = record(TextureKind::ramp, {0, 0, 0, 1, 1, 1, 0});
   ramp.to_uv[0] = 0.0f, ramp.to_uv[1] = 0.5f;  // the texture's u is half of v
@@ -224,8 +227,10 @@ void slopes() {
   const TextureRecord noise = record(TextureKind::noise, {0, 0, 0, 1, 1, 1, 1, 1, 0.5f, 0, 0, 0});
   const Vec3 at = {0.3f, 0.4f, 0.6f};
   const auto value = [&](float dx, float dy) {
-    return static_cast<double>(
-        ph::evaluate(&noise, nullptr, 0, {{0, 0}, 0.0f, {at.x + dx, at.y + dy, at.z}}).rgb.x);
+    return static_cast<double>(ph::evaluate({&noise, nullptr, nullptr}, 0,
+                                            {{0, 0}, 0.0f, {at.x + dx, at.y + dy, at.z}},
+                                            no_attribute)
+                                   .rgb.x);
   };
   const Vec2 n = slope(noise, nullptr, {{0, 0}, 0.0f, at});
   constexpr float h = 0x1p-7f;

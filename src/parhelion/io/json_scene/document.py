@@ -34,7 +34,7 @@ Vec4 = tuple[Number, Number, Number, Number]
 Color = tuple[NotNegative, NotNegative, NotNegative]
 # In a union with a number these are lists: msgspec 0.22 corrupts memory where a number with limits
 # may be a tuple of fixed length too.
-Numbers3 = Annotated[list[Number], Meta(min_length=3, max_length=3)]
+Numbers2or3 = Annotated[list[Number], Meta(min_length=2, max_length=3)]
 Radiances = Annotated[list[Radiance], Meta(min_length=3, max_length=3)]
 Face = tuple[Place, Place, Place]
 Name = Annotated[str, Meta(max_length=1000)]
@@ -141,8 +141,11 @@ class CommonTexture(Struct, forbid_unknown_fields=True):
     ] = None
     channel: Annotated[
         Literal["rgb", "luminance", "r", "g", "b", "a"],
-        _doc("what to take where the parameter is a number; of rgb the luminance"),
+        _doc("what to take; where the parameter is a number, of rgb the luminance"),
     ] = "rgb"
+    uvs: Annotated[
+        Name | None, _doc("an attribute of meshes, pairs of numbers, in the place of their uvs")
+    ] = None
 
 
 class ImageTexture(CommonTexture, forbid_unknown_fields=True):

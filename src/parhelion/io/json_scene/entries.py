@@ -98,7 +98,13 @@ class Entries:
         known = {p.name for p in entry.params} | {*block.__struct_fields__}
         _refuse_unknown(params, known, where)
         shared = {n: x for n, x in params.items() if n in block.__struct_fields__}
-        made = _checked(table, kind, {n: x for n, x in params.items() if n not in shared}, where)
+        nested = {
+            p.name: self.texture(params[p.name], f"{where}.{p.name}")
+            for p in entry.params
+            if table == "textures" and isinstance(params.get(p.name), dict) and not p.choices
+        }
+        plain = {n: x for n, x in params.items() if n not in shared and n not in nested}
+        made = _checked(table, kind, plain, where) | nested
         found = convert(shared, block, where)
         if entry.image and "image" not in shared:
             raise SceneError(f"{where}: the field 'image' is missing")

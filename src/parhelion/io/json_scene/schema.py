@@ -8,7 +8,7 @@ import msgspec
 
 from ... import tables
 from ...tables import LARGEST
-from .document import SHAPES, Blend, CommonMaterial, Document
+from .document import SHAPES, Blend, CommonMaterial, CommonTexture, Document
 from .entries import COMMON
 from .reading import projections
 from .shapes import VALUES
@@ -69,7 +69,7 @@ def _references(block: type[msgspec.Struct], definitions: Schema) -> Schema:
 
 
 def _entry(entry: tables.Entry, block: type[msgspec.Struct], definitions: Schema) -> Schema:
-    textured = block is CommonMaterial
+    textured = block is CommonMaterial or issubclass(block, CommonTexture)
     own = {p.name: _param(p, textured) for p in entry.params}
     required = ["type"]
     if entry.image:

@@ -24,7 +24,7 @@ from .document import (
     Instances,
     Mesh,
     Number,
-    Numbers3,
+    Numbers2or3,
     Spheres,
 )
 from .entries import Entries
@@ -93,7 +93,7 @@ _MATERIALS_OF = {Spheres: "centers", Mesh: "faces", Disks: "centers", Cylinders:
 
 
 # the values of a mesh's attribute
-VALUES = Annotated[list[Number | Numbers3], Meta(min_length=1)] | File
+VALUES = Annotated[list[Number | Numbers2or3], Meta(min_length=1)] | File
 
 
 def read(block: Struct, entries: Entries, where: str) -> Any:
@@ -150,10 +150,14 @@ def _take_file(members: dict[str, Any], entries: Entries, where: str) -> None:
     for name, value in members["attributes"].items():
         place = f"{where}.attributes{member(name)}"
         numbers = convert(value, VALUES, place)
-        rank_1 = isinstance(numbers, list) and isinstance(numbers[0], float)
-        if isinstance(numbers, list) and len(set(map(type, numbers))) > 1:
-            raise SceneError(f"{place}: mixes numbers and arrays of 3")
-        shapes = _ONE if rank_1 else _THREE if isinstance(numbers, list) else (*_ONE, *_THREE)
+        if (
+            isinstance(numbers, list)
+            and len({len(x) if isinstance(x, list) else 0 for x in numbers}) > 1
+        ):
+            raise SceneError(f"{place}: mixes numbers, pairs and arrays of 3")
+        shapes: tuple[tuple[int, ...], ...] = (*_ONE, *_TWO, *_THREE)
+        if isinstance(numbers, list):
+            shapes = (np.shape(numbers[0]),)
         attributes[name] = _array(numbers, _Array(shapes), entries, place)
     members["attributes"] = attributes
 
