@@ -456,7 +456,8 @@ nb::object occluded(const Scene& scene, const FloatRows& origins, const FloatRow
 RenderView make_view(const Scene& scene, const nb::dict& camera, u32 width, u32 height,
                      const std::string& filter, double filter_radius, const std::string& sampler,
                      u64 seed, u32 max_depth, bool roulette, bool tree,
-                     const std::string& integrator, double ao_distance) {
+                     const std::string& integrator, double ao_distance,
+                     const std::optional<DTriple>& backdrop) {
   if (width == 0 || height == 0) throw SceneError("width and height must be at least 1");
   CameraInput c{};
   c.projection = get<std::string>(camera, "projection");
@@ -484,7 +485,12 @@ RenderView make_view(const Scene& scene, const nb::dict& camera, u32 width, u32 
                   tree,
                   Integrator::path,
                   kInfinity,
+                  {std::numeric_limits<float>::quiet_NaN(), 0.0f, 0.0f},
                   {}};
+  if (backdrop) {
+    view.backdrop = {static_cast<float>((*backdrop)[0]), static_cast<float>((*backdrop)[1]),
+                     static_cast<float>((*backdrop)[2])};
+  }
   view.media = media_around(scene, c, tree);
   if (integrator == "direct") {
     view.max_depth = std::min(max_depth, 2u);
@@ -751,7 +757,7 @@ NB_MODULE(_core, m) {
   nb::class_<RenderView>(m, "View", "A camera and settings, checked.");
   m.def("make_view", &make_view, "scene"_a, nb::kw_only(), "camera"_a, "width"_a, "height"_a,
         "filter"_a, "filter_radius"_a, "sampler"_a, "seed"_a, "max_depth"_a, "roulette"_a, "tree"_a,
-        "integrator"_a, "ao_distance"_a);
+        "integrator"_a, "ao_distance"_a, "backdrop"_a.none());
 
   nb::class_<Film>(m, "Film", "The sums of a rectangle of the picture.")
       .def(nb::init<u32, u32, u32, u32, bool>(), "x"_a, "y"_a, "width"_a, "height"_a,

@@ -374,6 +374,10 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
   for (;;) {
     Hit hit;
     if (sight == Sight::background || !intersect(scene, path.ray, kInfinity, view.tree, hit)) {
+      if (path.depth == 1 && view.backdrop.x == view.backdrop.x) {
+        path.sum += path.throughput * view.backdrop;
+        break;
+      }
       if (view.integrator == Integrator::ambient_occlusion) return {1, 1, 1};
       for_each_outside(scene, path.ray.direction,
                        [&](Vec3 shine, float density) { add_light(path, shine, density); });

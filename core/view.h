@@ -161,6 +161,7 @@ struct RenderView {
   bool tree;  // false: test every primitive
   Integrator integrator;
   float ao_distance;  // normalised units
+  Vec3 backdrop;      // seen where the camera's rays hit nothing; NaN in x: what light is there
   Media media;        // that the camera is inside of
 };
 

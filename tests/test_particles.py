@@ -31,6 +31,8 @@ from parhelion.particles import (
     neighbour_distance,
     to_scene,
 )
+from parhelion.scene import Scene
+from parhelion.studio import dressed
 
 WATER = """3
 water, in angstrom
@@ -57,6 +59,11 @@ ITEM: ATOMS id type xs ys zs radius c_pe[2]
 2 3 0.5 0.5 0.25 0.75 -4
 1 1 0 1 1 0.5 8
 """
+
+
+def lit(particles: Particles, ground: bool = False) -> Scene:
+    """As a file of particles is shown."""
+    return dressed(to_scene(particles, LoadOptions(), "test"), ground=ground, bare=True)
 
 
 def write(folder: Path, name: str, content: str | bytes) -> Path:
@@ -389,7 +396,7 @@ def test_camera_frames_every_sphere_and_no_more(
     random = np.random.default_rng(2)
     positions = random.normal(size=(100, 3)) * stretch
     particles = Particles(positions, radii=random.uniform(0.1, 0.5, 100))
-    camera = placed(to_scene(particles, LoadOptions(), "test"), aspect)
+    camera = placed(lit(particles), aspect)
     assert camera.vfov is not None
     eye, target = np.array(camera.eye), np.array(camera.target)
     towards = (eye - target) / np.linalg.norm(eye - target)
@@ -411,7 +418,7 @@ def test_camera_frames_every_sphere_and_no_more(
 
 @pytest.mark.parametrize("aspect", [0.02, 0.2, 1.0, 5.0])
 def test_light_is_outside_of_the_view(aspect: float) -> None:
-    scene = to_scene(cloud(), LoadOptions(), "test")
+    scene = lit(cloud())
     camera, key = placed(scene, aspect), scene.shapes[1]
     assert key.name == "key light"
     assert camera.vfov is not None
@@ -431,7 +438,7 @@ def test_light_is_outside_of_the_view(aspect: float) -> None:
 def test_brightness_of_a_white_particle() -> None:
     """A lone white particle is well lit, and its brightest point below the page's white."""
     particles = Particles(np.zeros((1, 3)), Labels(np.array([0]), ("H",)))
-    scene = to_scene(particles, LoadOptions(), "test")
+    scene = lit(particles)
     image = ph.render(scene, width=64, height=64, spp=64).numpy()
     ball = image[12:52, 12:52, :3]
     assert 0.75 < ball.max() < 1.0
@@ -441,13 +448,13 @@ def test_brightness_of_a_white_particle() -> None:
 
 def test_ground_touches_the_lowest_particle() -> None:
     particles = cloud(radii=np.linspace(0.1, 0.4, 200))
-    scene = to_scene(particles, LoadOptions(ground=True), "test")
+    scene = lit(particles, ground=True)
     ground = scene.shapes[-1]
     assert ground.name == "ground"
     (x, y, z), size = np.array(ground.centers)[0], float(ground.radii)  # type: ignore[arg-type]
     lowest = np.min(particles.positions[:, 2] - particles.radii)
     assert_allclose(z + size, lowest, atol=1e-9 * size)
-    assert len(to_scene(particles, LoadOptions(), "test").shapes) == 2
+    assert len(lit(particles).shapes) == 2
     gap = np.linalg.norm(particles.positions - (x, y, z), axis=1) - size - particles.radii
     assert gap.min() > -1e-9 * size
 

@@ -115,6 +115,19 @@ def bounds(scene: Scene) -> tuple[Array, Array]:
     return low, high
 
 
+def reach(scene: Scene) -> tuple[Array, float]:
+    """The middle of the box that holds what the scene is about, (3,), and how far that reaches."""
+    low, high = bounds(scene)
+    middle = 0.5 * low + 0.5 * high
+    if not np.all(np.isfinite(middle)):
+        return np.zeros(3), 0.0
+    radius = 0.0
+    for centers, radii in subject(scene):
+        away = np.linalg.norm(centers - middle, axis=1) + radii
+        radius = max(radius, float(np.max(away)))
+    return middle, radius
+
+
 def _axes(framing: Framing) -> tuple[Array, Array, Array]:
     """Unit vectors to the right and up in the picture, and towards the camera."""
     towards, up = np.array(framing.direction, np.float64), np.array(framing.up, np.float64)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import cos, radians, sin
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import elements
 from .errors import SceneError, unknown_name
-from .scene import Background, Framing, Material, Scene, Spheres, Vec3
+from .scene import Material, Scene, Spheres
+from .studio import framing
 
 if TYPE_CHECKING:
     from .io import LoadOptions
@@ -51,32 +51,6 @@ _PALETTE = np.array(
 _GREY = 0.25
 # Albedo of a colour of 255 among elements and types; 1 would be whiter than any material.
 _WHITEST = 0.85
-
-# The camera: vertical field of view in degrees, share of the picture's half that the particles
-# may fill, and where it stands: degrees from the x axis towards y, and degrees above the xy plane.
-_VFOV = 30.0
-_FILL = 0.92
-_AZIMUTH = -60.0
-_ELEVATION = 22.0
-
-# The light, as radiances. A white diffuse particle (albedo _WHITEST) comes out near 0.35 in the
-# shade and 0.85 where it faces the key, so no colour clips and shapes stay readable. The sky is
-# bright behind the particles and dim behind the camera: a bright page to look at that does not
-# wash out the side we see.
-_SKY_BEHIND_PARTICLES = 0.78
-_SKY_BEHIND_CAMERA = 0.28
-# The key light: the irradiance/pi it gives a surface that faces it, its half-angle in degrees as
-# the particles see it (a wide one casts soft shadows), its direction in the camera's frame (right,
-# up, towards the camera), and its distance in units of the particles' bounding radius.
-_KEY_STRENGTH = 0.58
-_KEY_HALF_ANGLE = 15.0
-_KEY_DIRECTION = (-0.6, 0.8, 0.7)
-_KEY_DISTANCE = 24.0
-
-# The ground is a sphere this many times larger than the particles' bounding sphere: flat to the
-# eye. Its albedo makes it nearly as bright as the sky behind it.
-_GROUND_SIZE = 2000.0
-_GROUND_ALBEDO = 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,11 +159,11 @@ def _check_radii(radii: Floats) -> None:
 
 
 # What to_scene, and the readers of files, ask of LoadOptions
-OPTIONS = ("color_by", "colormap", "color_range", "radius", "ground", "frame")
+OPTIONS = ("color_by", "colormap", "color_range", "radius", "frame")
 
 
 def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
-    """The particles as spheres, lit and framed for a picture with no further options.
+    """The particles as spheres, and a view of them.
 
     Raises SceneError for an option that these particles or Matplotlib do not have.
     """
@@ -198,20 +172,11 @@ def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
     with np.errstate(over="ignore"):
         radii = _radii(particles, options.radius)
         colors = _colors(particles, options)
-    framing = _framing(particles.positions)
-    shapes = [
-        Spheres(particles.positions, radii, Material("diffuse"), colors, "particles"),
-        _key_light(particles.positions, radii, framing),
-    ]
-    if options.ground:
-        shapes.append(_ground(particles.positions, radii))
-    sky = Background(
-        "gradient",
-        horizon=(_SKY_BEHIND_PARTICLES,) * 3,
-        zenith=(_SKY_BEHIND_CAMERA,) * 3,
-        up=framing.direction,
-    )
-    return Scene(shapes, camera=framing, background=sky, name=name)
+    # two-dimensional systems are looked at from straight above
+    flat = np.ptp(particles.positions, axis=0)
+    view = "top" if flat[2] == 0 and flat.max() > 0 else "default"
+    shape = Spheres(particles.positions, radii, Material("diffuse"), colors, "particles")
+    return Scene([shape], camera=framing((0.0, 0.0, 1.0), view), background=None, name=name)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -393,47 +358,3 @@ def map_colors(
     colors: NDArray[np.float32] = np.take(linear(table(np.arange(table.N))[:, :3]), index, axis=0)
     colors[~known] = _GREY
     return colors
-
-
-# ---------------------------------------------------------------------------------------------
-# Camera and ground
-
-
-def _framing(positions: Floats) -> Framing:
-    """Slightly from above; two-dimensional systems straight from above."""
-    extent = np.ptp(positions, axis=0)
-    if extent[2] == 0 and extent.max() > 0:
-        return Framing((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), _VFOV, _FILL, ("particles",))
-    elevation, azimuth = radians(_ELEVATION), radians(_AZIMUTH)
-    towards = cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)
-    return Framing(towards, (0.0, 0.0, 1.0), _VFOV, _FILL, ("particles",))
-
-
-def _key_light(positions: Floats, radii: Floats, framing: Framing) -> Spheres:
-    """A sphere that shines, up and to the side, behind or far outside of what the camera sees."""
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    middle = 0.5 * low.astype(np.float64) + 0.5 * high
-    distance = _KEY_DISTANCE * float(0.5 * np.linalg.norm(high - low) + radii.max())
-    towards = np.array(framing.direction)
-    right = np.cross(framing.up, towards)
-    right /= np.linalg.norm(right)
-    direction = np.array(_KEY_DIRECTION) @ (right, np.cross(towards, right), towards)
-    place = middle + distance / np.linalg.norm(direction) * direction
-    size = sin(radians(_KEY_HALF_ANGLE))
-    shine = Material("emissive", radiance=(_KEY_STRENGTH / size**2,) * 3)
-    return Spheres([_tuple(place)], distance * size, shine, None, "key light")
-
-
-def _ground(positions: Floats, radii: Floats) -> Spheres:
-    """A sphere so large that it looks flat, which the lowest particle touches."""
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    size = _GROUND_SIZE * float(0.5 * np.linalg.norm(high - low) + radii.max())
-    x, y = 0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])
-    floor = float(np.min(positions[:, 2] - radii))
-    albedo = Material("diffuse", color=(_GROUND_ALBEDO,) * 3)
-    return Spheres([(float(x), float(y), floor - size)], size, albedo, None, "ground")
-
-
-def _tuple(vector: Floats) -> Vec3:
-    x, y, z = vector.tolist()
-    return x, y, z

@@ -173,6 +173,7 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
         filter_radius=_length("filter_radius", s.filter_radius),
         roulette=bool(s.roulette),
         ao_distance=_length("ao_distance", s.ao_distance),
+        backdrop=None if s.backdrop is None else _color("backdrop", s.backdrop),
     )
     if s.integrator not in INTEGRATORS:
         raise SceneError(unknown_name("integrator", s.integrator, INTEGRATORS))
@@ -230,6 +231,7 @@ def make_view(prepared: Prepared, camera: Camera, settings: Settings, tree: bool
         tree=tree,
         integrator=settings.integrator,
         ao_distance=settings.ao_distance or 0.0,
+        backdrop=settings.backdrop,
     )
 
 
@@ -377,6 +379,17 @@ def _number(name: str, value: Any) -> float:
     except (TypeError, ValueError, OverflowError):
         pass
     raise SceneError(f"{name} is {value!r}; must be a number")
+
+
+def _color(name: str, value: Any) -> Vec3:
+    """Three numbers, finite and not negative."""
+    try:
+        color = tuple(float(c) for c in value)
+    except (TypeError, ValueError):
+        color = ()
+    if len(color) != 3 or not all(0 <= c <= tables.LARGEST for c in color):
+        raise SceneError(f"{name} is {value!r}; must be three numbers >= 0, linear RGB")
+    return color[0], color[1], color[2]
 
 
 def _length(name: str, value: Any) -> float | None:

@@ -308,7 +308,8 @@ class Settings:
     bias. crop: (x, y, width, height) of the part to render, from the top left; None for all.
     integrator: "path" (all light), "direct" (light that was scattered once at most), or "ao" (how
     much of the surroundings within ao_distance, in scene units, None for any, is open; white is
-    all).
+    all). backdrop: linear RGB that the camera sees where there is nothing, None for the light that
+    comes from there; things are lit by that light all the same.
     """
 
     width: int = 640
@@ -323,6 +324,7 @@ class Settings:
     crop: tuple[int, int, int, int] | None = None
     integrator: str = "path"
     ao_distance: float | None = None
+    backdrop: Vec3 | None = None
 
 
 @dataclass(frozen=True, eq=False)

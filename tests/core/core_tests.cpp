@@ -121,6 +121,7 @@ RenderView make_view(const Scene& scene, u32 width, u32 height, SamplerKind samp
           true,
           Integrator::path,
           kInfinity,
+          {std::nanf(""), 0.0f, 0.0f},
           {}};
 }
 

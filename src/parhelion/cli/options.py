@@ -43,6 +43,16 @@ def add_loading(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="a folder, besides the scene's own, that its files may lie in; may be given again",
     )
+    group = parser.add_argument_group("view and light")
+    group.add_argument(
+        "--view",
+        metavar="NAME",
+        help="instead of the file's camera: front, back, left, right, top, bottom, iso or default",
+    )
+    group.add_argument(
+        "--environment", metavar="FILE", help="a panorama, instead of the file's background"
+    )
+    group.add_argument("--ground", action="store_true", help="a ground for shadows to fall on")
     group = parser.add_argument_group("particle files")
     group.add_argument("--color-by", metavar="FIELD", help="colour by this field of the particles")
     group.add_argument("--colormap", default="viridis", metavar="NAME", help="a Matplotlib name")
@@ -56,7 +66,6 @@ def add_loading(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--radius", type=_radius, metavar="R", help="of all particles: a number, vdw or covalent"
     )
-    group.add_argument("--ground", action="store_true", help="a ground for shadows to fall on")
     group.add_argument(
         "--frame",
         type=int,
@@ -88,6 +97,8 @@ def load_options(args: argparse.Namespace) -> LoadOptions:
         defines=dict(args.defines),
         strict=args.strict,
         allow_paths=tuple(args.allow_paths),
+        view=args.view,
+        environment=args.environment,
     )
 
 

@@ -69,6 +69,14 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         metavar="LENGTH",
         help="how far ao looks; default: any distance",
     )
+    picture.add_argument(
+        "--background",
+        dest="backdrop",
+        type=_color,
+        metavar="COLOR",
+        help="what is seen where there is nothing: a name such as white or #rrggbb; what"
+        " lights the scene stays",
+    )
     work = p.add_argument_group("work (the picture does not depend on these)")
     work.add_argument(
         "-t", "--threads", type=int, default=0, metavar="N", help="default: all cores"
@@ -100,6 +108,7 @@ def run(args: argparse.Namespace) -> int:
         "crop",
         "integrator",
         "ao_distance",
+        "backdrop",
     )
     settings = {name: getattr(args, name) for name in names}
     with options.naming(args):
@@ -178,6 +187,21 @@ def _interrupts() -> Iterator[list[int]]:
     finally:
         for number, handler in old.items():
             signal.signal(number, handler)
+
+
+def _color(text: str) -> tuple[float, float, float]:
+    """Linear RGB of a colour as the web and Matplotlib write it."""
+    from matplotlib.colors import to_rgb
+
+    from ..particles import linear
+
+    try:
+        red, green, blue = linear(to_rgb(text)).tolist()
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: a colour is needed, such as white or #rrggbb"
+        ) from None
+    return red, green, blue
 
 
 def _crop(text: str) -> tuple[int, int, int, int]:

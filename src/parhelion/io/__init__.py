@@ -5,6 +5,7 @@ A format module has these names:
     NAME        what users call the format, e.g. "XYZ"
     SUFFIXES    the file name endings it reads, in lower case, e.g. (".xyz", ".extxyz")
     OPTIONS     the fields of LoadOptions that it reads, besides EVERY_FORMAT's
+    BARE        True if its files often lack a camera and lights, which are then added
     load(path: pathlib.Path, options: LoadOptions) -> Scene
 
 and raises FormatError, its text beginning with the path, for a file that it cannot read. Modules
@@ -41,9 +42,9 @@ FORMATS: dict[str, str] = {
 COMPRESSED = (".gz", ".bz2", ".xz")
 
 
-# Permissions and demands that a format may have no occasion for; an option that is none of these
-# and that a format does not read is an error.
-EVERY_FORMAT = ("strict", "allow_paths")
+# What is done with any scene, and permissions that a format may have no occasion for; an option
+# that is none of these and that a format does not read is an error.
+EVERY_FORMAT = ("strict", "allow_paths", "view", "environment", "ground")
 
 
 @dataclass(frozen=True)
@@ -52,12 +53,14 @@ class LoadOptions:
 
     color_by: a per-particle field to colour by. colormap: a Matplotlib colour map's name.
     color_range: field values at the two ends of the map; None for their 1st and 99th percentile.
-    radius: one radius for all particles, "vdw" or "covalent"; None for the loader's choice.
-    ground: a ground below the particles for shadows to fall on. frame: of a trajectory, from 0;
-    negative counts from the end.
+    radius: one radius for all particles, "vdw" or "covalent"; None for the loader's choice. frame:
+    of a trajectory, from 0; negative counts from the end.
     defines: values of a scene's own parameters by name (Mitsuba's `-D name=value`). strict: what a
     scene asks for and is not supported is an error, not a warning. allow_paths: folders, besides
     the scene file's own, that its files may lie in.
+    view: where the camera stands instead of where the scene says: a name in studio.VIEWS.
+    environment: a panorama's file, instead of the scene's background. ground: a ground below all
+    for shadows to fall on.
     """
 
     color_by: str | None = None
@@ -69,6 +72,8 @@ class LoadOptions:
     defines: Mapping[str, str] = field(default_factory=dict)
     strict: bool = False
     allow_paths: tuple[str, ...] = ()
+    view: str | None = None
+    environment: str | None = None
 
 
 def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Scene:
@@ -108,7 +113,15 @@ def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Sc
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise FormatError(f"{file}: cannot be read: {reason}") from error
     assert isinstance(scene, Scene)
-    return scene
+    from ..studio import dressed
+
+    return dressed(
+        scene,
+        view=options.view,
+        environment=options.environment,
+        ground=options.ground,
+        bare=getattr(module, "BARE", False),
+    )
 
 
 def _default(option: Field[Any]) -> Any:

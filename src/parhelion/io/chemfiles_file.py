@@ -28,6 +28,7 @@ from .text import TextFile, errors_name, frame_index
 NAME = "PDB, GRO"
 SUFFIXES = (".pdb", ".gro")
 OPTIONS = particles.OPTIONS
+BARE = True
 
 _logger = logging.getLogger(__name__)
 # Names of atoms, residues or chains that are told apart; the rest are called "X".

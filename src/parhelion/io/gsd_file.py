@@ -25,6 +25,7 @@ from .text import errors_name, frame_index
 NAME = "GSD"
 SUFFIXES = (".gsd",)
 OPTIONS = particles.OPTIONS
+BARE = True
 
 # Chunks that are fields, with their names here
 _FIELDS = {

@@ -22,6 +22,7 @@ from .text import Table, TextFile, errors_name, is_number
 NAME = "LAMMPS dump"
 SUFFIXES = (".dump", ".lammpstrj")
 OPTIONS = particles.OPTIONS
+BARE = True
 
 # Columns of positions, best first: wrapped, unwrapped, and both as fractions of the box's edges.
 _POSITIONS = (("x", "y", "z"), ("xu", "yu", "zu"), ("xs", "ys", "zs"), ("xsu", "ysu", "zsu"))

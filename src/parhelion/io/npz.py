@@ -30,6 +30,7 @@ from .text import errors_name, frame_index
 NAME = "NumPy archive"
 SUFFIXES = (".npz",)
 OPTIONS = particles.OPTIONS
+BARE = True
 
 # An archive this large, unpacked, that was packed better than so many times is a zip bomb;
 # arrays of numbers pack less than 30 times.

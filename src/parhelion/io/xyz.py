@@ -24,6 +24,7 @@ from .text import Table, TextFile, errors_name, is_number
 NAME = "XYZ"
 SUFFIXES = (".xyz", ".extxyz")
 OPTIONS = particles.OPTIONS
+BARE = True
 
 # More columns than any program writes; a count beyond it is a broken file.
 _MOST_COLUMNS = 1000

@@ -427,6 +427,10 @@ class Settings(Struct, forbid_unknown_fields=True):
     ao_distance: Annotated[
         Positive | None, _doc("how far ao looks, in scene units; null is any distance")
     ] = model.Settings.ao_distance
+    backdrop: Annotated[
+        Color | None,
+        _doc("linear RGB that the camera sees where there is nothing; null: the light"),
+    ] = model.Settings.backdrop
 
 
 class Document(Struct, forbid_unknown_fields=True):

@@ -1,0 +1,219 @@
+"""A view, light and a ground for what brings none of its own.
+
+`dressed` is what every loaded file goes through.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from math import cos, radians, sin
+from os import PathLike
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .errors import SceneError, unknown_name
+from .framing import bounds, reach
+from .scene import (
+    Background,
+    Camera,
+    Framing,
+    Instances,
+    Material,
+    Scene,
+    Shape,
+    Spheres,
+    Texture,
+    Vec3,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+# Where the camera stands, seen from the middle: degrees from the front towards the right, and
+# degrees above the horizon.
+VIEWS: Mapping[str, tuple[float, float]] = {
+    "default": (30.0, 22.0),
+    "front": (0.0, 0.0),
+    "back": (180.0, 0.0),
+    "left": (-90.0, 0.0),
+    "right": (90.0, 0.0),
+    "top": (0.0, 90.0),
+    "bottom": (0.0, -90.0),
+    "iso": (45.0, 35.264390),  # the cube's diagonal: asin(1 / sqrt(3))
+}
+
+# The camera: vertical field of view in degrees, and the share of the picture's half that is filled.
+_VFOV = 30.0
+_FILL = 0.92
+
+# The light, as radiances. A white diffuse thing (albedo 0.85) comes out near 0.35 in the shade and
+# 0.85 where it faces the key, so no colour clips and shapes stay readable. The sky is bright behind
+# the things and dim behind the camera: a bright page to look at that does not wash out the side we
+# see.
+_SKY_BEHIND_THINGS = 0.78
+_SKY_BEHIND_CAMERA = 0.28
+# The key light: the irradiance/pi it gives a surface that faces it, its half-angle in degrees as
+# the things see it (a wide one casts soft shadows), its direction in the camera's frame (right, up,
+# towards the camera), and its distance in units of the things' bounding radius.
+_KEY_STRENGTH = 0.58
+_KEY_HALF_ANGLE = 15.0
+_KEY_DIRECTION = (-0.6, 0.8, 0.7)
+_KEY_DISTANCE = 24.0
+
+# The ground is a sphere this many times larger than the things' bounding sphere: flat to the eye.
+# Its albedo makes it nearly as bright as the sky behind it.
+_GROUND_SIZE = 2000.0
+_GROUND_ALBEDO = 0.85
+
+
+def dressed(
+    scene: Scene,
+    *,
+    view: str | None = None,
+    environment: str | PathLike[str] | None = None,
+    ground: bool = False,
+    bare: bool = False,
+) -> Scene:
+    """The scene with what the user asks for.
+
+    view: one of VIEWS, instead of the scene's own camera. environment: a picture of all that is
+    around, instead of the scene's background, its middle behind the things as seen from the front.
+    ground: below the lowest point. bare: the scene may lack what makes a picture of it: a view, if
+    it has no camera, and a soft sky and a key light, placed by the camera, if it has no light.
+
+    Raises SceneError for an unknown view.
+    """
+    up = up_of(scene)
+    about = tuple(shape.name for shape in scene.shapes)
+    if view is not None:
+        scene = scene.replace(camera=framing(up, view))
+    elif scene.camera is None and bare:
+        scene = scene.replace(camera=framing(up))
+    if isinstance(scene.camera, Framing) and not scene.camera.shapes:
+        # What is added here is not what the picture is about.
+        scene = scene.replace(camera=replace(scene.camera, shapes=about))
+    if environment is not None:
+        # A panorama's y axis is up, and z, in its middle, points away from the camera's front.
+        turn = _frame(up) * [-1.0, 1.0, -1.0]
+        scene = scene.replace(
+            background=Background("envmap", image=environment, transform=turn.tolist())
+        )
+    if bare and _dark(scene):
+        scene = _lit(scene)
+    if ground:
+        scene = scene.replace(shapes=(*scene.shapes, *_ground(scene, up)))
+    return scene
+
+
+def framing(up: Vec3 = (0.0, 1.0, 0.0), view: str = "default") -> Framing:
+    """A camera that looks at everything from one of VIEWS.
+
+    The front is towards -y where z is up, as in CAD, else towards +z, as in glTF.
+    """
+    if view not in VIEWS:
+        raise SceneError(unknown_name("view", view, VIEWS))
+    right, above, front = _frame(up).T
+    azimuth, elevation = (radians(angle) for angle in VIEWS[view])
+    level = cos(azimuth) * front + sin(azimuth) * right
+    if abs(VIEWS[view][1]) == 90.0:
+        return Framing(
+            _tuple(sin(elevation) * above), _tuple(-sin(elevation) * front), _VFOV, _FILL
+        )
+    towards = cos(elevation) * level + sin(elevation) * above
+    return Framing(_tuple(towards), _tuple(above), _VFOV, _FILL)
+
+
+def up_of(scene: Scene) -> Vec3:
+    """The axis that the scene's camera holds to be up, roughly; y if there is no camera."""
+    camera = scene.camera
+    if camera is None or not np.all(np.isfinite(camera.up)) or not np.any(camera.up):
+        return (0.0, 1.0, 0.0)
+    axis = int(np.argmax(np.abs(camera.up)))
+    return _tuple(np.eye(3)[axis] * np.sign(camera.up[axis]))
+
+
+def _frame(up: Vec3) -> NDArray[np.float64]:
+    """Columns: right, up and front, of unit length."""
+    above = np.array(up, np.float64) / np.linalg.norm(up)
+    front = np.array([0.0, -1.0, 0.0] if abs(above[2]) > 0.7 else [0.0, 0.0, 1.0])
+    front -= above * (front @ above)
+    front /= np.linalg.norm(front)
+    return np.stack([np.cross(above, front), above, front], axis=1)
+
+
+def _materials(scene: Scene, shapes: Iterable[Shape]) -> Iterable[Material]:
+    yield from scene.materials.values()
+    for shape in shapes:
+        if isinstance(shape, Instances):
+            yield from _materials(Scene(), shape.shapes)
+        elif isinstance(shape.material, Material):
+            yield shape.material
+
+
+def _shines(material: Material) -> bool:
+    emission = material.params.get("emission", 0.0)
+    return material.type == "emissive" or isinstance(emission, Texture) or bool(np.any(emission))
+
+
+def _dark(scene: Scene) -> bool:
+    if scene.lights or scene.background is not None:
+        return False
+    return not any(_shines(m) for m in _materials(scene, scene.shapes))
+
+
+def _towards(camera: Camera | Framing | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unit vectors to the right of the picture and towards the camera."""
+    assert camera is not None
+    if isinstance(camera, Framing):
+        towards = np.array(camera.direction, np.float64)
+    else:
+        towards = np.subtract(camera.eye, camera.target, dtype=np.float64)
+    right = np.cross(camera.up, towards)
+    if not (np.linalg.norm(right) > 0):  # a camera that will be refused
+        return np.eye(3)[0], np.eye(3)[2]
+    return right / np.linalg.norm(right), towards / np.linalg.norm(towards)
+
+
+def _lit(scene: Scene) -> Scene:
+    """A sky that is bright behind the things, and a sphere that shines, up and to the side, behind
+    or far outside of what the camera sees.
+    """
+    right, towards = _towards(scene.camera)
+    sky = Background(
+        "gradient",
+        horizon=(_SKY_BEHIND_THINGS,) * 3,
+        zenith=(_SKY_BEHIND_CAMERA,) * 3,
+        up=_tuple(towards),
+    )
+    middle, radius = reach(scene)
+    if not radius > 0.0:
+        return scene.replace(background=sky)
+    distance = _KEY_DISTANCE * radius
+    direction = np.array(_KEY_DIRECTION) @ (right, np.cross(towards, right), towards)
+    place = middle + distance / np.linalg.norm(direction) * direction
+    size = sin(radians(_KEY_HALF_ANGLE))
+    shine = Material("emissive", radiance=(_KEY_STRENGTH / size**2,) * 3)
+    key = Spheres([_tuple(place)], distance * size, shine, None, "key light")
+    return scene.replace(background=sky, shapes=(*scene.shapes, key))
+
+
+def _ground(scene: Scene, up: Vec3) -> list[Spheres]:
+    """A sphere so large that it looks flat, which the lowest point touches."""
+    middle, radius = reach(scene)
+    if not radius > 0.0:
+        return []
+    low, high = bounds(scene)
+    axis, sign = int(np.argmax(np.abs(up))), np.sign(up[int(np.argmax(np.abs(up)))])
+    floor = low[axis] if sign > 0 else high[axis]
+    size = _GROUND_SIZE * radius
+    center = middle.copy()
+    center[axis] = floor - sign * size
+    albedo = Material("diffuse", color=(_GROUND_ALBEDO,) * 3)
+    return [Spheres([_tuple(center)], size, albedo, None, "ground")]
+
+
+def _tuple(vector: NDArray[np.float64]) -> Vec3:
+    x, y, z = (float(v) + 0.0 for v in vector)  # no -0.0
+    return x, y, z

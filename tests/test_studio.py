@@ -1,0 +1,180 @@
+"""What scenes get that bring no camera, no light or no ground, and what users ask for instead."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import parhelion as ph
+from parhelion.framing import bounds, placed
+from parhelion.studio import VIEWS, dressed, framing, up_of
+
+Z_UP = ph.Framing((0, -1, 0), (0, 0, 1))
+BALL = ph.Spheres([[0, 0, 0]], 1.0)
+
+
+def axes(view: str, up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Right and up in the picture, and the way to the camera."""
+    f = framing(up, view)
+    towards, above = np.array(f.direction), np.array(f.up)
+    return np.cross(above, towards), above, towards
+
+
+@pytest.mark.parametrize(
+    ("up", "right", "front"),
+    [((0, 0, 1), (1, 0, 0), (0, -1, 0)), ((0, 1, 0), (1, 0, 0), (0, 0, 1))],
+)
+def test_views(up: Any, right: Any, front: Any) -> None:
+    up, right, front = (np.array(v, float) for v in (up, right, front))
+    for view, expected in {
+        "front": (right, up, front),
+        "back": (-right, up, -front),
+        "right": (-front, up, right),
+        "left": (front, up, -right),
+        "top": (right, -front, up),
+        "bottom": (right, front, -up),
+    }.items():
+        np.testing.assert_allclose(axes(view, tuple(up)), expected, atol=1e-9)
+    towards = axes("iso", tuple(up))[2]
+    np.testing.assert_allclose(towards, (right + up + front) / np.sqrt(3), atol=1e-6)
+    assert all(np.isclose(np.linalg.norm(axes(v, tuple(up))[2]), 1) for v in VIEWS)
+
+
+def test_unknown_view() -> None:
+    with pytest.raises(ph.SceneError, match="unknown view 'frnt'; did you mean 'front'"):
+        dressed(ph.Scene([BALL]), view="frnt")
+
+
+def test_a_scene_that_is_complete_stays_as_it_is() -> None:
+    for scene in (
+        ph.Scene([BALL]),
+        ph.Scene([BALL], camera=ph.Camera(), background=None),
+        ph.Scene([BALL], background=None),
+    ):
+        assert dressed(scene) is scene
+
+
+LAMP = ph.Spheres([[0, 0, 0]], 1, ph.Material("emissive"))
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        {"background": ph.Background("constant")},
+        {"lights": [ph.Light("point")]},
+        {"materials": {"lamp": ph.Material("emissive")}},
+        {"materials": {"lamp": ph.Material("diffuse", emission=(1, 1, 1))}},
+        {"shapes": [ph.Instances([LAMP], [np.eye(4)])]},
+    ],
+)
+def test_what_has_light_gets_no_more(light: dict[str, Any]) -> None:
+    scene = ph.Scene(**{"shapes": [BALL], "background": None, **light})
+    made = dressed(scene, bare=True)
+    assert made.shapes == scene.shapes
+    assert made.background == scene.background
+    assert made.lights == scene.lights
+
+
+def test_what_is_dark_is_lit_from_beside_the_camera() -> None:
+    for camera in (None, Z_UP, ph.Camera(eye=(0, -9, 3), target=(0, 0, 0), up=(0, 0, 1))):
+        scene = dressed(ph.Scene([BALL], camera=camera, background=None), bare=True)
+        image = ph.render(scene, width=48, height=48, spp=32).numpy()
+        ball = image[18:30, 18:30]
+        assert 0.2 < ball.mean() < 0.9
+        # the key light is up and to the left
+        assert image[18:22, 18:22].mean() > image[26:30, 26:30].mean()
+        # the sky is bright behind the ball
+        np.testing.assert_allclose(image[0, 0], 0.76, atol=0.04)
+
+
+def test_the_view_is_of_what_was_there() -> None:
+    """Not of the light and ground that come with it."""
+    plain = placed(ph.Scene([BALL], camera=framing(), background=None), 1.5)
+    scene = dressed(ph.Scene([BALL], background=None), bare=True, ground=True)
+    assert len(scene.shapes) == 3
+    assert placed(scene, 1.5) == plain
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+def test_ground_below_the_lowest_point(axis: int) -> None:
+    corners = np.array(np.meshgrid([1, 2], [3, 4], [5, 6])).reshape(3, -1).T
+    cube = ph.Mesh(corners, [[0, 1, 2]])
+    camera = ph.Framing(up=tuple(np.eye(3)[axis]), direction=(1, 0, 0))
+    scene = dressed(ph.Scene([cube], camera=camera), ground=True)
+    ground = scene.shapes[-1]
+    assert isinstance(ground, ph.Spheres)
+    center, size = np.array(ground.centers)[0], np.float64(ground.radii)
+    np.testing.assert_allclose(center[axis] + size, 1 + 2 * axis, rtol=1e-6)
+    assert np.all(np.linalg.norm(corners - center, axis=1) >= size * (1 - 1e-9))
+    assert np.delete(center, axis) == pytest.approx(np.delete([1.5, 3.5, 5.5], axis))
+
+
+def test_up_is_what_the_camera_says() -> None:
+    assert up_of(ph.Scene()) == (0, 1, 0)
+    assert up_of(ph.Scene(camera=Z_UP)) == (0, 0, 1)
+    assert up_of(ph.Scene(camera=ph.Camera(up=(0.1, 0.2, -0.9)))) == (0, 0, -1)
+
+
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 1)])
+def test_environment_stands_upright_behind_things(up: Any) -> None:
+    """Red at the top, green in the middle of the panorama, and blue to the right of that."""
+    panorama = np.zeros((32, 64, 3), np.float32)
+    panorama[:8, :, 0] = 1
+    panorama[12:20, 28:36, 1] = 1
+    panorama[12:20, 44:52, 2] = 1
+    scene = ph.Scene([BALL], camera=ph.Framing(up=up, direction=(1, 0.1, 0.2)), background=None)
+    made = dressed(scene, environment=panorama)  # type: ignore[arg-type]
+    for view, color in (("front", 1), ("left", 2), ("bottom", 0)):
+        camera = placed(made.replace(camera=framing(up, view)), 1.0)
+        away = np.subtract(camera.target, camera.eye)
+        looking = ph.Camera(eye=(0, 0, 0), target=tuple(away), up=camera.up, vfov=5)
+        seen = ph.render(made.replace(shapes=[]), camera=looking, width=4, height=4, spp=4).numpy()
+        np.testing.assert_allclose(seen, np.broadcast_to(np.eye(3)[color], seen.shape), atol=1e-3)
+
+
+def test_every_format_takes_view_and_ground(tmp_path: Path) -> None:
+    path = tmp_path / "a.xyz"
+    path.write_text("2\n\nC 0 0 0\nC 0 0 2\n")
+    top = ph.load(path, ph.LoadOptions(view="top", ground=True))
+    assert [s.name for s in top.shapes] == ["particles", "key light", "ground"]
+    assert isinstance(top.camera, ph.Framing)
+    assert top.camera.direction == (0, 0, 1)
+    low, high = bounds(top)
+    assert high[2] - low[2] < 6
+
+
+def test_backdrop_is_seen_and_lights_nothing() -> None:
+    """Nor do mirrors and glass show it: what is around is there."""
+    for material in (ph.Material("diffuse"), ph.Material("metal"), ph.Material("dielectric")):
+        ball = ph.Spheres([[0, 0, 0]], 1.0, material)
+        camera = ph.Camera(eye=(0, 0, 8), target=(0, 0, 0), vfov=20)
+        scene = ph.Scene([ball], camera=camera, background=ph.Background("gradient"))
+        prepared = ph.prepare(scene)
+        plain, red = (
+            ph.render(prepared, width=32, height=32, spp=16, filter="box", backdrop=b).numpy()
+            for b in (None, (0.5, 0, 0))
+        )
+        corner, middle = (slice(0, 4), slice(0, 4)), (slice(12, 20), slice(12, 20))
+        np.testing.assert_array_equal(red[corner], np.broadcast_to([0.5, 0, 0], (4, 4, 3)))
+        np.testing.assert_array_equal(red[middle], plain[middle])
+    with pytest.raises(ph.SceneError, match=r"backdrop is 'red'; must be three numbers >= 0"):
+        ph.render(prepared, backdrop="red")
+    with pytest.raises(ph.SceneError, match=r"backdrop is \(1, 0, -1\)"):
+        ph.render(prepared, backdrop=(1, 0, -1))
+
+
+def test_background_flag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from parhelion.cli import main
+    from parhelion.image import read_pixels
+
+    path, out = tmp_path / "a.xyz", tmp_path / "a.png"
+    path.write_text("1\n\nC 0 0 0\n")
+    flags = ["--width", "16", "--height", "16", "--spp", "1", "-q", "-o", str(out)]
+    assert main(["render", str(path), "--background", "#204060", *flags]) == 0
+    np.testing.assert_array_equal(read_pixels(out, "test")[0, 0, :3], [0x20, 0x40, 0x60])
+    with pytest.raises(SystemExit):
+        main(["render", str(path), "--background", "whit", *flags])
+    assert "'whit': a colour is needed, such as white or #rrggbb" in capsys.readouterr().err
