@@ -105,11 +105,22 @@ def test_ground_below_the_lowest_point(axis: int) -> None:
     camera = ph.Framing(up=tuple(np.eye(3)[axis]), direction=(1, 0, 0))
     scene = dressed(ph.Scene([cube], camera=camera), ground=True)
     ground = scene.shapes[-1]
-    assert isinstance(ground, ph.Spheres)
-    center, size = np.array(ground.centers)[0], np.float64(ground.radii)
-    np.testing.assert_allclose(center[axis] + size, 1 + 2 * axis, rtol=1e-6)
-    assert np.all(np.linalg.norm(corners - center, axis=1) >= size * (1 - 1e-9))
+    assert isinstance(ground, ph.Disks)
+    center, u, v = (np.array(a)[0] for a in (ground.centers, ground.axis_u, ground.axis_v))
+    assert center[axis] == 1 + 2 * axis
+    np.testing.assert_allclose(np.cross(u, v) / np.linalg.norm(u) ** 2, np.eye(3)[axis])
     assert np.delete(center, axis) == pytest.approx(np.delete([1.5, 3.5, 5.5], axis))
+
+
+def test_a_flat_bottom_lies_on_the_ground() -> None:
+    """Neither flickers through the other, and no light is lost between them."""
+    square = np.array([[-1, 0.37, -1], [-1, 0.37, 1], [1, 0.37, 1], [1, 0.37, -1]])
+    white = ph.Material("diffuse", color=(0.85, 0.85, 0.85))
+    plate = ph.Mesh(square, [[0, 1, 2], [0, 2, 3]], material=white)
+    sky = ph.Background("constant")
+    scene = dressed(ph.Scene([plate], background=sky), view="top", ground=True)
+    image = ph.render(scene, width=32, height=32, spp=16).numpy()
+    np.testing.assert_allclose(image, 0.85, rtol=1e-3)
 
 
 def test_up_is_what_the_camera_says() -> None:

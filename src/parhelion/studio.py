@@ -18,6 +18,7 @@ from .framing import bounds, reach
 from .scene import (
     Background,
     Camera,
+    Disks,
     Framing,
     Instances,
     Material,
@@ -62,9 +63,10 @@ _KEY_HALF_ANGLE = 15.0
 _KEY_DIRECTION = (-0.6, 0.8, 0.7)
 _KEY_DISTANCE = 24.0
 
-# The ground is a sphere this many times larger than the things' bounding sphere: flat to the eye.
-# Its albedo makes it nearly as bright as the sky behind it.
-_GROUND_SIZE = 2000.0
+# The ground is a disk this many times larger than the things' bounding sphere: without an end, to
+# the eye. It lies exactly as low as the lowest point: a flat bottom neither floats nor sinks. Its
+# albedo makes it nearly as bright as the sky behind it.
+_GROUND_SIZE = 200.0
 _GROUND_ALBEDO = 0.85
 
 
@@ -123,6 +125,15 @@ def framing(up: Vec3 = (0.0, 1.0, 0.0), view: str = "default") -> Framing:
         )
     towards = cos(elevation) * level + sin(elevation) * above
     return Framing(_tuple(towards), _tuple(above), _VFOV, _FILL)
+
+
+def axis(name: str) -> Vec3:
+    """The direction of "x", "y" or "z", or of "-x" and so on. Raises SceneError for others."""
+    names = ("x", "y", "z", "-x", "-y", "-z")
+    if name not in names:
+        raise SceneError(unknown_name("axis", name, names))
+    x, y, z = np.eye(3)[names.index(name) % 3] * (-1.0 if name[0] == "-" else 1.0) + 0.0
+    return float(x), float(y), float(z)
 
 
 def up_of(scene: Scene) -> Vec3:
@@ -199,19 +210,18 @@ def _lit(scene: Scene) -> Scene:
     return scene.replace(background=sky, shapes=(*scene.shapes, key))
 
 
-def _ground(scene: Scene, up: Vec3) -> list[Spheres]:
-    """A sphere so large that it looks flat, which the lowest point touches."""
+def _ground(scene: Scene, up: Vec3) -> list[Disks]:
+    """A disk that the lowest point touches."""
     middle, radius = reach(scene)
     if not radius > 0.0:
         return []
     low, high = bounds(scene)
-    axis, sign = int(np.argmax(np.abs(up))), np.sign(up[int(np.argmax(np.abs(up)))])
-    floor = low[axis] if sign > 0 else high[axis]
-    size = _GROUND_SIZE * radius
+    axis = int(np.argmax(np.abs(up)))
     center = middle.copy()
-    center[axis] = floor - sign * size
+    center[axis] = low[axis] if up[axis] > 0 else high[axis]
+    right, _, front = _frame(up).T * (_GROUND_SIZE * radius)
     albedo = Material("diffuse", color=(_GROUND_ALBEDO,) * 3)
-    return [Spheres([_tuple(center)], size, albedo, None, "ground")]
+    return [Disks([_tuple(center)], [_tuple(front)], [_tuple(right)], albedo, None, "ground")]
 
 
 def _tuple(vector: NDArray[np.float64]) -> Vec3:

@@ -50,6 +50,9 @@ def add_loading(parser: argparse.ArgumentParser) -> None:
         help="instead of the file's camera: front, back, left, right, top, bottom, iso or default",
     )
     group.add_argument(
+        "--up", metavar="AXIS", help="of a file that does not say: x, y, z, -x, -y or -z"
+    )
+    group.add_argument(
         "--environment", metavar="FILE", help="a panorama, instead of the file's background"
     )
     group.add_argument("--ground", action="store_true", help="a ground for shadows to fall on")
@@ -98,6 +101,7 @@ def load_options(args: argparse.Namespace) -> LoadOptions:
         strict=args.strict,
         allow_paths=tuple(args.allow_paths),
         view=args.view,
+        up=args.up,
         environment=args.environment,
     )
 

@@ -36,6 +36,10 @@ FORMATS: dict[str, str] = {
     ".pdb": "chemfiles_file",
     ".gro": "chemfiles_file",
     ".xml": "mitsuba",
+    ".ply": "mesh_file",
+    ".stl": "mesh_file",
+    ".off": "mesh_file",
+    ".obj": "obj",
 }
 
 # endings that may follow those of FORMATS
@@ -58,9 +62,10 @@ class LoadOptions:
     defines: values of a scene's own parameters by name (Mitsuba's `-D name=value`). strict: what a
     scene asks for and is not supported is an error, not a warning. allow_paths: folders, besides
     the scene file's own, that its files may lie in.
-    view: where the camera stands instead of where the scene says: a name in studio.VIEWS.
-    environment: a panorama's file, instead of the scene's background. ground: a ground below all
-    for shadows to fall on.
+    up: "x", "y" or "z", "-z" and so on: the axis that is up in a file that does not say; None for
+    what is usual in its format. view: where the camera stands instead of where the scene says: a
+    name in studio.VIEWS. environment: a panorama's file, instead of the scene's background. ground:
+    a ground below all for shadows to fall on.
     """
 
     color_by: str | None = None
@@ -74,6 +79,7 @@ class LoadOptions:
     allow_paths: tuple[str, ...] = ()
     view: str | None = None
     environment: str | None = None
+    up: str | None = None
 
 
 def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Scene:

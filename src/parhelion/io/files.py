@@ -1,14 +1,49 @@
-"""What readers of scenes share: files that a scene may name, and what it asks for in vain."""
+"""What readers share: contents of files, those that a scene may name, what it asks for in vain."""
 
 from __future__ import annotations
 
 import logging
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import FormatError, SceneError
 
 log = logging.getLogger("parhelion")
+
+# Text and meshes pack some ten times at most. What unpacks to more than so many times its size, and
+# to more than so many bytes, is made to fill the memory.
+_RATIO = 20
+_ALWAYS = 1 << 24
+# Bytes of one file
+_LARGEST = 1 << 32
+
+
+def contents(path: Path) -> bytes:
+    """The file's bytes, unpacked if its name ends in .gz. Raises FormatError, OSError."""
+    size = path.stat().st_size
+    if size > _LARGEST:
+        raise FormatError(f"{path}: is larger than {_LARGEST >> 30} GiB")
+    data = path.read_bytes()
+    if path.suffix.lower() != ".gz":
+        return data
+    most = max(_RATIO * size, _ALWAYS)
+    unpacked: list[bytes] = []
+    room = most
+    while data:  # members, one after the other
+        unpacker = zlib.decompressobj(wbits=zlib.MAX_WBITS | 16)
+        try:
+            part = unpacker.decompress(data, room + 1)
+        except zlib.error as error:
+            raise FormatError(f"{path}: cannot be unpacked: {error}") from None
+        if len(part) > room:
+            raise FormatError(f"{path}: unpacks to more than {most} bytes, {_RATIO} times its size")
+        if not unpacker.eof:
+            raise FormatError(f"{path}: is cut short")
+        unpacked.append(part)
+        room -= len(part)
+        data = unpacker.unused_data
+    return unpacked[0] if len(unpacked) == 1 else b"".join(unpacked)
 
 
 class Folders:

@@ -100,6 +100,53 @@ def smooth_normals(vertices: Floats, faces: Integers) -> NDArray[np.float64]:
     return np.asarray(total / length)
 
 
+def split_at_creases(
+    vertices: Floats, faces: Integers, degrees: float
+) -> tuple[Integers, Integers]:
+    """Faces over vertices of which each stands for one smooth part of the surface around it.
+
+    Faces that share an edge belong to the same part where their normals differ by less than
+    `degrees`, and so do the neighbours of those. Returns the new (F, 3) faces and, for each new
+    vertex, the old one.
+    """
+    corners = np.asarray(vertices, np.float64)[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.where(length == 0.0, 1.0, length)
+    # Half edges that run between the same two vertices, one after the other; of more than two, as
+    # where three sheets meet, neighbours in this order.
+    begin, end = faces, np.roll(faces, -1, axis=1)
+    key = (np.minimum(begin, end) * len(vertices) + np.maximum(begin, end)).ravel()
+    order = np.argsort(key, kind="stable")
+    twin = np.flatnonzero(key[order[1:]] == key[order[:-1]])
+    one, other = order[twin], order[twin + 1]
+    flat = np.einsum("ei,ei->e", normals[one // 3], normals[other // 3])
+    smooth = flat > np.cos(np.radians(degrees))
+    one, other = one[smooth], other[smooth]
+
+    # The corners at both ends of such an edge are one vertex.
+    def corner(half_edge: Integers, vertex: Integers) -> Integers:
+        face, side = half_edge // 3, half_edge % 3
+        return 3 * face + np.where(faces[face, side] == vertex, side, (side + 1) % 3)
+
+    pairs = []
+    for at in (begin.ravel()[one], end.ravel()[one]):
+        pairs.append(np.stack([corner(one, at), corner(other, at)]))
+    left, right = np.concatenate(pairs, axis=1)
+    label = np.arange(3 * len(faces))
+    while True:
+        least = np.minimum(label[left], label[right])
+        lower = label.copy()
+        np.minimum.at(lower, label[left], least)
+        np.minimum.at(lower, label[right], least)
+        lower = lower[lower[label]]
+        if np.array_equal(lower, label):
+            break
+        label = lower
+    chosen, index = np.unique(label, return_inverse=True)
+    return index.reshape(-1, 3).astype(np.int64), faces.ravel()[chosen].astype(np.int64)
+
+
 def decode_srgb(encoded: Floats) -> NDArray[np.float32]:
     """Linear values of sRGB ones (IEC 61966-2-1)."""
     low = encoded / 12.92

@@ -17,3 +17,12 @@ def parse(text: bytes) -> NDArray[np.float64]:
             return np.fromstring(text, dtype=np.float64, sep=" ")
         except (DeprecationWarning, ValueError):  # since version 2.3 the latter
             raise ValueError("something that is no number") from None
+
+
+def words_per_line(text: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """How many words each line of a text has, which ends with a line's end."""
+    blank = text <= 32
+    begins = ~blank
+    begins[1:] &= blank[:-1]
+    total = np.searchsorted(np.flatnonzero(begins), np.flatnonzero(text == 10))
+    return np.diff(total, prepend=0).astype(np.int64)

@@ -1,21 +1,25 @@
-"""Wavefront OBJ: v, vt, vn and f lines; everything else (groups, materials, lines) is passed over.
+"""Wavefront OBJ: v, vt, vn and f lines, and which material each face has.
 
-Each different corner v/vt/vn becomes a vertex. Polygons are split into fans.
+Each different corner v/vt/vn becomes a vertex. Polygons are split into fans. Colours after the
+coordinates of a vertex, as many programs write them, are the attribute vertex_color, sRGB decoded.
+Groups, smoothing, lines, points and free-form surfaces are passed over.
 """
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FormatError
-from . import Floats, Integers, MeshData, triangulate
-from .numbers import parse
+from ..files import contents
+from . import Floats, Integers, MeshData, decode_srgb, triangulate
+from .numbers import parse, words_per_line
 
-_KINDS = {b"v ": 1, b"vt": 2, b"vn": 3, b"f ": 4}
+_KINDS = {b"v ": 1, b"vt": 2, b"vn": 3, b"f ": 4, b"us": 5, b"mt": 6}
 _NOUNS = {1: "vertex", 2: "texture coordinate", 3: "normal"}
 
 
@@ -55,7 +59,7 @@ class _Lines:
         text = self.text(kind)
         if not len(text):
             return np.empty((0, width))
-        counts = _words_per_line(text)
+        counts = words_per_line(text)
         if (counts < width).any():
             raise self._error(
                 kind, int(np.argmax(counts < width)), f"has fewer than {width} numbers"
@@ -69,6 +73,16 @@ class _Lines:
         starts = np.cumsum(counts) - counts
         return np.asarray(numbers[starts[:, None] + np.arange(width)])
 
+    def names(self, kind: int, word: bytes) -> list[tuple[int, str]]:
+        """What follows the word that lines begin with, and the number of such a line from 0."""
+        found = []
+        for at in np.flatnonzero(self.kinds == kind):
+            line = self.bytes[self.starts[at] : self.starts[at] + self.sizes[at]].tobytes()
+            first, _, rest = line.strip().partition(b" ")
+            if first == word:
+                found.append((int(at), rest.strip().decode("utf-8", "replace")))
+        return found
+
     def line(self, kind: int, row: int) -> int:
         """The number, from 1, of the line that is the row-th of its kind."""
         return int(np.flatnonzero(self.kinds == kind)[row]) + 1
@@ -77,28 +91,53 @@ class _Lines:
         return FormatError(f"{self.path}: line {self.line(kind, row)} {text}")
 
 
-def _words_per_line(text: NDArray[np.uint8]) -> Integers:
-    blank = text <= 32
-    begins = ~blank
-    begins[1:] &= blank[:-1]
-    total = np.searchsorted(np.flatnonzero(begins), np.flatnonzero(text == 10))
-    return np.diff(total, prepend=0).astype(np.int64)
+@dataclass(frozen=True)
+class Groups:
+    """Which material each triangle has.
+
+    names: of the materials, in the order of their first use; "" is none. of_face: (F,) indices.
+    libraries: names of the files that define them.
+    """
+
+    names: list[str]
+    of_face: Integers
+    libraries: list[str]
 
 
 def read(path: Path) -> MeshData:
     """The file as one mesh. Raises FormatError, naming the line, and OSError."""
-    lines = _Lines(path, path.read_bytes())
+    return read_groups(path)[0]
+
+
+def read_groups(path: Path) -> tuple[MeshData, Groups]:
+    """The file as one mesh, and its faces' materials. Raises FormatError and OSError."""
+    lines = _Lines(path, contents(path))
     arrays: dict[int, Floats] = {1: lines.rows(1, 3), 2: lines.rows(2, 2), 3: lines.rows(3, 3)}
     text = lines.text(4)
-    counts = _words_per_line(text)
+    counts = words_per_line(text)
     if not len(counts):
         raise FormatError(f"{path}: has no faces ('f' lines)")
     if (counts < 3).any():
         line = lines.line(4, int(np.argmax(counts < 3)))
         raise FormatError(f"{path}: line {line}: a face needs at least 3 corners")
     corners = _corners(lines, text, counts, arrays)
-    faces, _ = triangulate(counts, corners)
-    return _indexed(faces, arrays)
+    faces, polygon = triangulate(counts, corners)
+    uses = lines.names(5, b"usemtl")
+    names = list(dict.fromkeys(["", *(name for _, name in uses)]))
+    number = np.array([0, *(names.index(name) for _, name in uses)])
+    face_lines = np.flatnonzero(lines.kinds == 4)
+    use = np.searchsorted([at for at, _ in uses], face_lines)  # how many came before
+    groups = Groups(names, number[use][polygon], [name for _, name in lines.names(6, b"mtllib")])
+    return _indexed(faces, arrays, _colors(lines)), groups
+
+
+def _colors(lines: _Lines) -> Floats | None:
+    """(V, 3) linear RGB, if every vertex has one behind its coordinates."""
+    counts = words_per_line(lines.text(1))
+    if not len(counts) or counts.min() < 6 or counts.max() > 7:
+        return None
+    rgb = lines.rows(1, 6)[:, 3:]
+    return decode_srgb(np.clip(rgb / (255.0 if np.any(rgb > 1.0) else 1.0), 0.0, 1.0))
 
 
 def _corners(
@@ -139,7 +178,7 @@ def _corners(
     return corners
 
 
-def _indexed(faces: Integers, arrays: dict[int, Floats]) -> MeshData:
+def _indexed(faces: Integers, arrays: dict[int, Floats], colors: Floats | None) -> MeshData:
     """Corners that differ in anything become different vertices, in the order of the file."""
     flat = faces.reshape(-1, 3)
     sizes = [len(arrays[kind]) + 1 for kind in (1, 2, 3)]
@@ -159,4 +198,5 @@ def _indexed(faces: Integers, arrays: dict[int, Floats]) -> MeshData:
         faces=rank[inverse.ravel()].reshape(-1, 3),
         normals=normals,
         uvs=uvs,
+        attributes={} if colors is None else {"vertex_color": colors[chosen[:, 0]]},
     )

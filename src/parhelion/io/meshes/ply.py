@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FormatError
+from ..files import contents
 from . import Floats, Integers, MeshData, check_indices, decode_srgb, triangulate
 from .numbers import parse
 
@@ -91,9 +92,9 @@ class _Body:
         return np.where(at == inside, found, 0)
 
 
-def read(path: Path) -> MeshData:
-    """The file as one mesh. Raises FormatError, OSError."""
-    data = path.read_bytes()
+def read(path: Path, points: bool = False) -> MeshData:
+    """The file as one mesh; points: which may have no faces. Raises FormatError, OSError."""
+    data = contents(path)
     form, elements, begin = _header(path, data)
     body = _Body(path, data[begin:], form)
     at = 0
@@ -107,6 +108,9 @@ def read(path: Path) -> MeshData:
     vertex = columns.get("vertex", {})
     if any(axis not in vertex for axis in "xyz"):
         raise FormatError(f"{path}: has no element 'vertex' with x, y and z")
+    if polygons is None and points and not columns.get("face"):
+        polygons = np.empty(0, np.int64), np.empty(0, np.int64)
+        columns["face"] = {}
     if polygons is None:
         raise FormatError(f"{path}: has no element 'face' with a list vertex_indices")
     counts, corners = polygons

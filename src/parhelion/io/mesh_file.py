@@ -1,0 +1,113 @@
+"""Files of a single mesh without materials: PLY, STL and OFF; also PLY files of points.
+
+A mesh without normals is shaded smoothly where its faces meet at less than 40 degrees, and has an
+edge where they meet more sharply. Colours of vertices or faces are shown. Points are particles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import particles
+from ..errors import FormatError, SceneError
+from ..scene import Material, Mesh, Scene, Texture
+from ..studio import axis, framing
+from . import COMPRESSED, LoadOptions
+from .meshes import MeshData, smooth_normals, split_at_creases
+
+NAME = "mesh"
+SUFFIXES = (".ply", ".stl", ".off")
+OPTIONS = ("up", *particles.OPTIONS)
+BARE = True
+
+# Steeper edges stay sharp, degrees
+_CREASE = 40.0
+# What is made for printers stands on the xy plane.
+_UP = {".stl": "z"}
+_POINTS_UP = "z"  # as of all particles
+
+
+def load(path: Path, options: LoadOptions) -> Scene:
+    """The file as a scene. Raises FormatError."""
+    suffixes = [s.lower() for s in path.suffixes]
+    if suffixes[-1] in COMPRESSED:
+        packed = suffixes.pop()
+        if packed != ".gz":
+            raise FormatError(f"{path}: of packed meshes only .gz is read, not {packed}")
+    kind = suffixes[-1]
+    reader = import_module(f".meshes.{kind[1:]}", __package__)
+    with np.errstate(all="ignore"):  # what is not finite is looked for, and named
+        data = reader.read(path, points=True) if kind == ".ply" else reader.read(path)
+        finite(path, data)
+        if not len(data.faces):
+            return _points(path, data, options)
+        for name in particles.OPTIONS:
+            if getattr(options, name) != getattr(LoadOptions(), name):
+                raise FormatError(f"{path}: the option {name!r} is for particles; this is a mesh")
+        mesh = shaded(data, path.stem)
+    up = axis(options.up or _UP.get(kind, "y"))
+    return Scene([mesh], camera=framing(up), background=None, name=path.name)
+
+
+def finite(path: Path, data: MeshData) -> None:
+    """Raises FormatError for a vertex that is not finite."""
+    broken = ~np.isfinite(np.asarray(data.vertices)).all(axis=1)
+    if broken.any():
+        raise FormatError(f"{path}: vertex {int(np.argmax(broken))} is not finite")
+
+
+def shaded(data: MeshData, name: str, material: Any = None) -> Mesh:
+    """The mesh with normals, and its colours as the material's, unless another is given."""
+    color = next((k for k in ("vertex_color", "face_color") if k in data.attributes), None)
+    if material is None:
+        material = Material("diffuse")
+        if color is not None:
+            material = Material("diffuse", color=Texture("attribute", name=color))
+    if data.normals is None:
+        data = _with_normals(data)
+    return Mesh(
+        data.vertices,
+        data.faces,
+        normals=data.normals,
+        uvs=data.uvs,
+        material=material,
+        attributes={} if color is None else {color: data.attributes[color]},
+        name=name,
+    )
+
+
+def _with_normals(data: MeshData) -> MeshData:
+    faces, old = split_at_creases(data.vertices, data.faces, _CREASE)
+    vertices = np.asarray(data.vertices)[old]
+    return replace(
+        data,
+        vertices=vertices,
+        faces=faces,
+        normals=smooth_normals(vertices, faces),
+        uvs=None if data.uvs is None else data.uvs[old],
+        attributes={
+            key: values[old] if key.startswith("vertex_") else values
+            for key, values in data.attributes.items()
+        },
+    )
+
+
+def _points(path: Path, data: MeshData, options: LoadOptions) -> Scene:
+    """Vertices as particles: their colours, radii (radius) and further numbers, if there are."""
+    fields = {k.removeprefix("vertex_"): np.asarray(v) for k, v in data.attributes.items()}
+    colors, radii = fields.pop("color", None), fields.pop("radius", None)
+    if colors is not None:
+        colors = np.clip(colors, 0.0, 1.0)
+    try:
+        found = particles.Particles(
+            np.asarray(data.vertices), radii=radii, colors=colors, fields=fields
+        )
+        scene = particles.to_scene(found, options, path.name)
+    except SceneError as error:
+        raise FormatError(f"{path}: {error}") from None
+    return scene.replace(camera=framing(axis(options.up or _POINTS_UP)))
