@@ -177,7 +177,7 @@ def test_a_material_by_name_by_itself_and_by_index() -> None:
 @pytest.mark.parametrize(
     ("scene", "told"),
     [
-        (5, "a Scene is needed, not int"),
+        (5, "an object of type builtins.int cannot be rendered"),
         (ph.Scene(ph.Spheres([[0, 0, 0]])), "shapes: a list is needed, not Spheres"),
         (ph.Scene([5]), "shapes: one of Spheres, Mesh, .* and Instances is needed, not int"),
         (ph.Scene(materials=[RED]), "materials: a dict is needed, not list"),

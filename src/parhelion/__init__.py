@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .errors import FormatError, ParhelionError, ResourceError, SceneError
     from .image import Image
     from .io import LoadOptions, load
+    from .objects import scene_of
     from .progress import Progress
     from .renderer import Prepared, prepare, render
     from .scene import (
@@ -47,6 +48,7 @@ _HOMES = {
     "Image": "image",
     "LoadOptions": "io",
     "load": "io",
+    "scene_of": "objects",
     "Prepared": "renderer",
     "Progress": "progress",
     "prepare": "renderer",
@@ -96,6 +98,7 @@ __all__ = [
     "load",
     "prepare",
     "render",
+    "scene_of",
     "weekend",
 ]
 

@@ -43,14 +43,18 @@ class Prepared:
     seconds: float
 
 
-def prepare(scene: Scene) -> Prepared:
-    """Checks a scene and builds its tree.
+def prepare(scene: Scene | Any) -> Prepared:
+    """Checks a scene, or anything that scene_of() makes one of, and builds its tree.
 
     Raises SceneError, naming the object and the element, for a scene that has no meaning.
     """
     from . import _core
 
     start = time.perf_counter()
+    if not isinstance(scene, Scene):
+        from .objects import scene_of
+
+        scene = scene_of(scene)
     flat = flatten(scene)
     try:
         core = _core.Scene(flat.parts)
@@ -62,7 +66,7 @@ def prepare(scene: Scene) -> Prepared:
 
 
 def render(
-    scene: Scene | Prepared,
+    scene: Scene | Prepared | Any,
     *,
     camera: Camera | Framing | None = None,
     threads: int = 0,
@@ -76,6 +80,7 @@ def render(
 ) -> Image:
     """Renders a scene.
 
+    scene: or anything that scene_of() knows: positions, meshes and atoms of other libraries.
     camera: instead of the scene's own. settings: any field of Settings (width, height, spp,
     max_depth, seed, sampler, filter, filter_radius, roulette, crop) instead of the scene's; of
     width and height the one not given follows from the scene's aspect ratio.

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .. import particles
-from ..errors import FormatError, SceneError
+from ..errors import FormatError, SceneError, unknown_name
 from ..scene import Material, Mesh, Scene, Texture
 from ..studio import axis, framing
 from . import COMPRESSED, LoadOptions
@@ -46,10 +46,10 @@ def load(path: Path, options: LoadOptions) -> Scene:
         finite(path, data)
         if not len(data.faces):
             return _points(path, data, options)
-        for name in particles.OPTIONS:
-            if getattr(options, name) != getattr(LoadOptions(), name):
-                raise FormatError(f"{path}: the option {name!r} is for particles; this is a mesh")
-        mesh = shaded(data, path.stem)
+        try:
+            mesh = shaded(colored(data, options), path.stem)
+        except SceneError as error:
+            raise FormatError(f"{path}: {error}") from None
     up = axis(options.up or _UP.get(kind, "y"))
     return Scene([mesh], camera=framing(up), background=None, name=path.name)
 
@@ -59,6 +59,29 @@ def finite(path: Path, data: MeshData) -> None:
     broken = ~np.isfinite(np.asarray(data.vertices)).all(axis=1)
     if broken.any():
         raise FormatError(f"{path}: vertex {int(np.argmax(broken))} is not finite")
+
+
+def colored(data: MeshData, options: LoadOptions) -> MeshData:
+    """The mesh in the colours of the field that the user names, of its vertices or faces.
+
+    Raises SceneError for a field that it does not have, and for options that are for particles.
+    """
+    for name in ("radius", "frame"):
+        if getattr(options, name) != getattr(LoadOptions(), name):
+            raise SceneError(f"the option {name!r} is for particles; this is a mesh")
+    if options.color_by is None:
+        return data
+    # the fields' names, and where they are: "vertex_" or "face_"
+    known = {key.partition("_")[2]: key for key in data.attributes}
+    if options.color_by not in known:
+        raise SceneError(unknown_name("field to colour by", options.color_by, known))
+    key = known[options.color_by]
+    values = np.asarray(data.attributes[key], np.float64)
+    if values.ndim == 2:
+        values = np.linalg.norm(values, axis=1)
+    colors = particles.map_colors(values, options.colormap, options.color_range)
+    others = {k: v for k, v in data.attributes.items() if not k.endswith("_color")}
+    return replace(data, attributes=others | {f"{key.partition('_')[0]}_color": colors})
 
 
 def shaded(data: MeshData, name: str, material: Any = None) -> Mesh:

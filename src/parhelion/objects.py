@@ -1,0 +1,252 @@
+"""Objects of other libraries as scenes: told by what they have, so that none of them is imported.
+
+Known are Parhelion's own scenes and shapes, paths, NumPy arrays of positions, ASE's Atoms,
+MDAnalysis' Universe and AtomGroup, pyvista's and VTK-like data sets, trimesh's meshes and scenes,
+and anything with vertices and faces. A new kind is one function and one line in KINDS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from . import particles
+from .errors import SceneError
+from .io import LoadOptions, load
+from .io.mesh_file import colored, shaded
+from .io.meshes import MeshData, check_indices
+from .particles import Box, Labels, Particles, element_labels
+from .scene import Curves, Cylinders, Disks, Instances, Mesh, Scene, Shape, Spheres
+from .studio import axis, dressed, framing
+
+_SHAPES = (Spheres, Mesh, Disks, Cylinders, Curves, Instances)
+# What library's vertices, not its particles, stand on
+_MESH_UP = "z"
+
+
+def scene_of(thing: Any, **options: Any) -> Scene:
+    """The scene that an object is, with a view, light and a ground as files get them.
+
+    thing: a Scene, a path, (N, 3) positions, a shape or a list of shapes of this package, or an
+    object of ASE, MDAnalysis, pyvista, trimesh, meshio and the like. options: fields of
+    LoadOptions, such as color_by, radius, view, ground.
+
+    Raises SceneError for an object of none of these kinds, and for one that makes no scene.
+    """
+    try:
+        chosen = LoadOptions(**options)
+    except TypeError as error:
+        raise SceneError(f"options of a scene: {error}") from None
+    if isinstance(thing, (str, PathLike)):
+        return load(thing, chosen)
+    if isinstance(thing, Scene) and not options:
+        return thing
+    for known, make in KINDS:
+        if known(thing):
+            scene, bare = make(thing, chosen)
+            break
+    else:
+        kind = type(thing)
+        raise SceneError(
+            f"an object of type {kind.__module__}.{kind.__qualname__} cannot be rendered (choices:"
+            " a Scene or shapes, a path, (N, 3) positions, objects of ASE, MDAnalysis, pyvista,"
+            " trimesh or meshio, anything with vertices and faces)"
+        )
+    return dressed(
+        scene,
+        view=chosen.view,
+        environment=chosen.environment,
+        ground=chosen.ground,
+        bare=bare,
+    )
+
+
+_Made = tuple[Scene, bool]
+
+
+def _has(*names: str) -> Callable[[Any], bool]:
+    return lambda thing: all(hasattr(thing, name) for name in names)
+
+
+def _named(thing: Any) -> str:
+    return type(thing).__name__
+
+
+def _cloud(found: Particles, options: LoadOptions, name: str) -> _Made:
+    scene = particles.to_scene(found, options, name)
+    if options.up is not None:
+        scene = scene.replace(camera=framing(axis(options.up)))
+    return scene, True
+
+
+def _surface(data: MeshData, options: LoadOptions, thing: Any) -> _Made:
+    check_indices(_named(thing), data.faces, len(data.vertices))
+    mesh = shaded(colored(data, options), _named(thing))
+    camera = framing(axis(options.up or _MESH_UP))
+    return Scene([mesh], camera=camera, background=None, name=_named(thing)), True
+
+
+def _own_scene(thing: Scene, _: LoadOptions) -> _Made:
+    return thing, False
+
+
+def _own_shapes(thing: Any, options: LoadOptions) -> _Made:
+    shapes: Sequence[Shape] = [thing] if isinstance(thing, _SHAPES) else list(thing)
+    camera = framing(axis(options.up or "y"))
+    return Scene(shapes, camera=camera, background=None, name="shapes"), True
+
+
+def _array(thing: Any, options: LoadOptions) -> _Made:
+    return _cloud(Particles(_floats(thing)), options, "positions")
+
+
+def _ase(thing: Any, options: LoadOptions) -> _Made:
+    cell = np.asarray(thing.get_cell()[:], np.float64)
+    box = Box(cell, np.zeros(3)) if np.linalg.matrix_rank(cell) == 3 else None
+    found = Particles(
+        _floats(thing.get_positions()),
+        elements=Labels.of(thing.get_chemical_symbols()),
+        fields=_fields(dict(thing.arrays), len(thing), ("numbers", "positions")),
+        box=box,
+    )
+    return _cloud(found, options, "atoms")
+
+
+def _mdanalysis(thing: Any, options: LoadOptions) -> _Made:
+    atoms = thing.atoms
+    elements = None
+    for attribute in ("elements", "names", "types"):
+        values = getattr(atoms, attribute, None)
+        if values is not None and elements is None:
+            elements = element_labels(Labels.of(np.asarray(values).astype(str)))
+    fields = {
+        name: getattr(atoms, name)
+        for name in ("charges", "masses", "resids", "resnames", "segids", "tempfactors")
+        if hasattr(atoms, name)
+    }
+    names = getattr(atoms, "names", None)
+    found = Particles(
+        _floats(atoms.positions),
+        elements=elements,
+        types=None if names is None else Labels.of(np.asarray(names).astype(str)),
+        fields=_fields(fields, len(atoms)),
+    )
+    return _cloud(found, options, "atoms")
+
+
+def _pyvista(thing: Any, options: LoadOptions) -> _Made:
+    if hasattr(thing, "extract_surface") and not hasattr(thing, "faces"):
+        thing = thing.extract_surface()  # of a grid
+    data, points = thing, _floats(thing.points)
+    faces = np.empty((0, 3), np.int64)
+    if hasattr(data, "triangulate") and len(getattr(data, "faces", ())):
+        data = data.triangulate()
+        points = _floats(data.points)
+        faces = np.asarray(data.faces, np.int64).reshape(-1, 4)[:, 1:]
+    fields = {str(name): data.point_data[name] for name in data.point_data.keys()}  # noqa: SIM118
+    if not len(faces):
+        return _cloud(Particles(points, fields=_fields(fields, len(points))), options, "points")
+    attributes = _numbers("vertex", fields, len(points))
+    if hasattr(data, "cell_data"):
+        cells = {str(name): data.cell_data[name] for name in data.cell_data.keys()}  # noqa: SIM118
+        attributes |= _numbers("face", cells, len(faces))
+    return _surface(MeshData(points, faces, attributes=attributes), options, thing)
+
+
+def _meshio(thing: Any, options: LoadOptions) -> _Made:
+    triangles = [np.empty((0, 3), np.int64)]
+    for block in thing.cells:
+        if block.type.startswith("triangle"):
+            triangles.append(np.asarray(block.data, np.int64)[:, :3])
+        elif block.type.startswith("quad"):
+            quads = np.asarray(block.data, np.int64)
+            triangles += [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
+    faces, points = np.concatenate(triangles), _floats(thing.points)
+    if points.shape[1:] == (2,):
+        points = np.pad(points, ((0, 0), (0, 1)))
+    if not len(faces):
+        kinds = ", ".join(sorted({block.type for block in thing.cells})) or "nothing"
+        raise SceneError(f"the mesh has no triangles or quadrilaterals; it has {kinds}")
+    attributes = _numbers("vertex", dict(getattr(thing, "point_data", {})), len(points))
+    return _surface(MeshData(points, faces, attributes=attributes), options, thing)
+
+
+def _trimesh_scene(thing: Any, options: LoadOptions) -> _Made:
+    shapes: list[Shape] = []
+    for mesh in thing.dump():
+        if hasattr(mesh, "faces"):
+            shapes += _mesh(mesh, options)[0].shapes
+    if not shapes:
+        raise SceneError("the scene has no meshes")
+    camera = framing(axis(options.up or _MESH_UP))
+    return Scene(shapes, camera=camera, background=None, name="scene"), True
+
+
+def _mesh(thing: Any, options: LoadOptions) -> _Made:
+    vertices, faces = _floats(thing.vertices), np.asarray(thing.faces)
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise SceneError(f"vertices have shape {vertices.shape}, not (V, 3)")
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+        raise SceneError(f"faces are {faces.dtype} of shape {faces.shape}, not (F, 3) indices")
+    visual = getattr(thing, "visual", None)
+    attributes = _numbers("vertex", dict(getattr(thing, "vertex_attributes", {})), len(vertices))
+    attributes |= _numbers("face", dict(getattr(thing, "face_attributes", {})), len(faces))
+    kind = getattr(visual, "kind", None)
+    if kind in ("vertex", "face"):  # trimesh's
+        colors = np.asarray(getattr(visual, f"{kind}_colors"))[:, :3]
+        attributes[f"{kind}_color"] = particles.linear(colors.astype(np.uint8))
+    return _surface(
+        MeshData(vertices, faces.astype(np.int64), attributes=attributes), options, thing
+    )
+
+
+# What an object is told by, and what makes a scene of it; the first that fits counts.
+KINDS: tuple[tuple[Callable[[Any], bool], Callable[[Any, LoadOptions], _Made]], ...] = (
+    (lambda x: isinstance(x, Scene), _own_scene),
+    (lambda x: isinstance(x, _SHAPES), _own_shapes),
+    (
+        lambda x: isinstance(x, (list, tuple)) and len(x) > 0 and isinstance(x[0], _SHAPES),
+        _own_shapes,
+    ),
+    (_has("get_positions", "get_chemical_symbols"), _ase),
+    (lambda x: hasattr(getattr(x, "atoms", None), "positions"), _mdanalysis),
+    (_has("points", "point_data", "n_points"), _pyvista),
+    (_has("points", "cells", "cell_data"), _meshio),
+    (_has("geometry", "dump"), _trimesh_scene),
+    (_has("vertices", "faces"), _mesh),
+    (lambda x: isinstance(x, (np.ndarray, list, tuple)) or hasattr(x, "__array__"), _array),
+)
+
+
+def _numbers(of: str, found: dict[str, Any], count: int) -> dict[str, Any]:
+    """Fields of numbers as attributes of a mesh's vertices or faces."""
+    fields = _fields(found, count)
+    return {f"{of}_{name}": x for name, x in fields.items() if not isinstance(x, Labels)}
+
+
+def _floats(values: Any) -> Any:
+    """As an array of single or double precision. Raises SceneError for anything else."""
+    try:
+        array = np.asarray(values)
+        if array.dtype not in (np.float32, np.float64):
+            array = array.astype(np.float64)
+    except (TypeError, ValueError):
+        raise SceneError("positions must be (N, 3) numbers") from None
+    return array
+
+
+def _fields(found: dict[str, Any], count: int, without: Sequence[str] = ()) -> dict[str, Any]:
+    """Those of numbers or words that there are `count` of."""
+    fields: dict[str, Any] = {}
+    for name, values in found.items():
+        array = np.asarray(values)
+        if name in without or array.ndim not in (1, 2) or len(array) != count:
+            continue
+        if array.dtype.kind in "iufb":
+            fields[name] = array.astype(np.float32) if array.dtype.kind in "iub" else array
+        elif array.ndim == 1:
+            fields[name] = Labels.of(array.astype(str))
+    return fields
