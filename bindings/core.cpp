@@ -272,10 +272,10 @@ Vec3 to_vec3(const Triple& v) { return {v[0], v[1], v[2]}; }
 
 TextureBinding to_binding(const nb::dict& d) {
   return {get<u32>(d, "texture"), get<u32>(d, "offset"), get<u32>(d, "size"),
-          get<u32>(d, "channel")};
+          get<u32>(d, "channel"), get<float>(d, "low"),  get<float>(d, "high")};
 }
 
-constexpr TextureBinding kNoTexture = {kNone, 0, 0, 0};
+constexpr TextureBinding kNoTexture = {kNone, 0, 0, 0, 0.0f, 0.0f};
 
 // Of a material or texture: appended to all others.
 template <class Record>
@@ -310,6 +310,7 @@ MaterialRecord to_material(const nb::dict& d, std::vector<TextureBinding>& bindi
   m.absorption = to_vec3(get<Triple>(d, "absorption"));
   m.emits_back = get<bool>(d, "emits_back");
   m.uses_uv = get<bool>(d, "uses_uv");
+  m.normal_right_handed = get<bool>(d, "normal_right_handed");
   return m;
 }
 

@@ -77,7 +77,7 @@ PH_INLINE DirectSample sample_emitter(const SceneView& scene, Slot slot, Vec3 fr
     Surface s;
     s.slot = slot;
     const SurfacePoint p = {origin + t.direction * t.distance, t.normal, t.parameter, 0.0f};
-    complete(scene, shape, id, p, instance, s);
+    complete(scene, shape, id, p, instance, false, s);
     if (instance) {
       const Vec3 d = transform_vector(instance->to_scene, t.direction);
       const float stretch = 1.0f / length(d);

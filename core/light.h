@@ -34,15 +34,6 @@ PH_INLINE auto with_light(const ParamBlock& block, F&& f) {
   compiler::unreachable();
 }
 
-template <class Light>
-PH_INLINE constexpr bool needs_image() {
-  if constexpr (requires { Light::has_image; }) {
-    return Light::has_image;
-  } else {
-    return false;
-  }
-}
-
 // Whether it shines from infinitely far away.
 PH_INLINE bool is_outside(const LightRecord& record) {
   return with_light(record.block, []<class Light>(const Light&) { return Light::outside; });

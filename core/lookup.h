@@ -24,9 +24,10 @@ struct TexturePoint {
 // A texture that stands for some parameters of a material or of another texture.
 struct TextureBinding {
   u32 texture;
-  u32 offset;   // of the first float that is replaced
-  u32 size;     // 1 or 3
-  u32 channel;  // 0 rgb, and of a single number its luminance; 1 r, 2 g, 3 b, 4 a
+  u32 offset;       // of the first float that is replaced
+  u32 size;         // 1 or 3
+  u32 channel;      // 0 rgb, and of a single number its luminance; 1 r, 2 g, 3 b, 4 a
+  float low, high;  // of the parameter: what lies beyond is cut to it
 };
 
 struct TextureRecord {

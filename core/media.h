@@ -8,8 +8,9 @@
 
 namespace parhelion::PH_ISA {
 
-// The body that counts: of the highest priority, and of those the one entered last. kNone: outside
-// of all. `except`: one occurrence of this record is passed over.
+// The body that counts: the one entered last, if it has no priority; else that of the highest, and
+// of those the one entered last. kNone: outside of all. `except`: one occurrence of this record is
+// passed over.
 PH_INLINE u32 current_medium(const SceneView& scene, const Media& media, u32 except) {
   u32 best = kNone;
   bool passed = false;
@@ -19,7 +20,12 @@ PH_INLINE u32 current_medium(const SceneView& scene, const Media& media, u32 exc
       passed = true;
       continue;
     }
-    if (best == kNone || scene.materials[r].priority > scene.materials[best].priority) best = r;
+    if (best == kNone) {
+      best = r;
+      if (scene.materials[r].priority == 0) return best;
+    } else if (scene.materials[r].priority > scene.materials[best].priority) {
+      best = r;
+    }
   }
   return best;
 }
@@ -40,7 +46,7 @@ PH_INLINE void enter(Media& media, u32 record) {
 // Keeps the account of a path that goes through the surface of a body.
 PH_INLINE void cross_boundary(const SceneView& scene, Media& media, const MaterialRecord& m,
                               bool front) {
-  if (m.priority == 0 && black(m.absorption)) return;
+  if (!m.body) return;
   const u32 record = static_cast<u32>(&m - scene.materials);
   if (front) {
     enter(media, record);

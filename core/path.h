@@ -87,17 +87,26 @@ PH_INLINE Frame shading_frame(const SceneView& scene, const MaterialRecord& m, c
       const Vec3 c = texel(scene, m.normal_map, s, width).rgb;
       const Vec3 local = {2.0f * c.x - 1.0f, 2.0f * c.y - 1.0f, 2.0f * c.z - 1.0f};
       const Frame f = frame_along(n, dpdu);
-      // y along v: the frame is right-handed, the parametrisation need not be.
-      const float side = copysign(1.0f, dot(f.y, s.dpdv));
+      // y along v, unless told otherwise: the frame is right-handed, uv need not be.
+      const float side = m.normal_right_handed ? 1.0f : copysign(1.0f, dot(f.y, s.dpdv));
       const Vec3 mapped = f.x * local.x + f.y * (side * local.y) + n * local.z;
       const float size = length(mapped);
       if (size > 1e-6f) n = mapped * (1.0f / size);
     }
   }
+  // And towards the mirrored ray, until that leaves the surface, as in A. Keller et al., "The Iray
+  // Light Transport Simulation and Rendering System", 2017, section on shading normals.
   const float side = copysign(1.0f, dot(wo, s.normal));
-  const float cosine = side * dot(wo, n);
+  const Vec3 outside = s.normal * side;
   constexpr float kLeast = 1e-3f;
+  const float cosine = side * dot(wo, n);
   if (cosine < kLeast) n = normalize(n + wo * (side * (kLeast - cosine)));
+  const Vec3 mirrored = n * (2.0f * dot(wo, n)) - wo;
+  const float least = min(kLeast, 0.9f * dot(wo, outside));
+  const float height = dot(mirrored, outside);
+  if (height < least) {
+    n = normalize(wo + normalize(mirrored + outside * (least - height))) * side;
+  }
   return m.uses_uv ? frame_along(n, dpdu) : frame_around(n);
 }
 
@@ -215,11 +224,12 @@ inline Media media_around(const SceneView& scene, Vec3 point, Vec3 direction, bo
 template <class Material>
 PH_INLINE bool scatter(const SceneView& scene, const RenderView& view, const Surface& s,
                        const MaterialRecord& record, Material material, const Sampler& sampler,
-                       PathState& path, PathStats& stats) {
+                       PathState& path, PathStats& stats, Features* features) {
   const u32 draw = bounce_draw(path.depth);
   const Vec3 wo = -path.ray.direction;
   const bool front = dot(wo, s.normal) > 0.0f;
   Frame frame = shading_frame(scene, record, s, wo, path.width);
+  if (features && path.depth == 1) features->shading_normal = frame.z;
   if constexpr (kTransmits<Material>) {
     if (!enter_boundary(scene, path.media, record, front, material)) {
       // Within a body that takes precedence this surface is not there. It does stop the rays that
@@ -332,7 +342,7 @@ PH_INLINE bool bounce(const SceneView& scene, const RenderView& view, const Surf
   const Vec3 color = has_color(s.color) ? s.color : block_color(*block);
   return with_material(*block, color, [&](const auto& material) {
     if (features && path.depth == 1) features->albedo = albedo_of(material);
-    return scatter(scene, view, s, m, material, sampler, path, stats);
+    return scatter(scene, view, s, m, material, sampler, path, stats, features);
   });
 }
 
@@ -383,7 +393,7 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
                        [&](Vec3 shine, float density) { add_light(path, shine, density); });
       break;
     }
-    const Surface s = surface_at(scene, path.ray, hit);
+    const Surface s = surface_at(scene, path.ray, hit, features && path.depth == 1);
     path.width += path.spread * hit.t;
     travelled += hit.t;
     absorb(scene, path.media, hit.t, path.throughput);
@@ -408,7 +418,7 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
       features->position = s.point;
       features->normal = s.normal;
       features->shading_normal = s.shading;
-      features->uv = s.material->uses_uv ? s.uv : Vec2{0, 0};
+      features->uv = s.uv;
       features->shape = s.slot.instance == kNone ? static_cast<u32>(s.shape - scene.shapes)
                                                  : scene.instances[s.slot.instance].shape;
       features->material = static_cast<u32>(s.material - scene.materials);

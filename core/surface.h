@@ -17,7 +17,7 @@ struct Surface {
   const ShapeRecord* shape;
   const MaterialRecord* material;
   Vec3 color;  // the primitive's own colour, NaN in x if it has none
-  // If the material uses them:
+  // If the material uses them, or they were asked for:
   Vec2 uv;
   Vec3 dpdu, dpdv;
   float uv_rate;  // of uv per unit of length
@@ -135,7 +135,7 @@ PH_INLINE void parametrise(const ShapeRecord& record, const Shape& shape, u32 id
 // Fills everything but the point itself, which `p` has, into s.
 template <class Shape>
 PH_INLINE void complete(const SceneView& scene, const Shape& shape, u32 id, SurfacePoint p,
-                        const Instance* instance, Surface& s) {
+                        const Instance* instance, bool wants_uv, Surface& s) {
   s.id = id;
   s.shape = &shape_of(scene, id);
   s.material = &material_of(scene, *s.shape, id);
@@ -148,7 +148,8 @@ PH_INLINE void complete(const SceneView& scene, const Shape& shape, u32 id, Surf
   s.uv = {0, 0};
   s.dpdu = s.dpdv = {0, 0, 0};
   s.uv_rate = 0.0f;
-  if (s.material->uses_uv) parametrise(*s.shape, shape, id, p, s);
+  const bool parametrised = wants_uv || s.material->uses_uv;
+  if (parametrised) parametrise(*s.shape, shape, id, p, s);
   if (instance) {
     // Rounding of the transform: four products a coordinate, each of at most |m| |p|.
     const float (&m)[12] = instance->to_scene;
@@ -163,21 +164,23 @@ PH_INLINE void complete(const SceneView& scene, const Shape& shape, u32 id, Surf
     s.point = transform_point(m, p.point);
     normal = normalize(transform_normal(instance->to_group, normal));
     shading = normalize(transform_normal(instance->to_group, shading));
-    if (s.material->uses_uv) {
+    if (parametrised) {
       s.dpdu = transform_vector(m, s.dpdu);
       s.dpdv = transform_vector(m, s.dpdv);
     }
   }
   s.normal = normal;
   s.shading = shading;
-  if (s.material->uses_uv) {
+  if (parametrised) {
     const Vec3 n = cross(s.dpdu, s.dpdv);
     s.uv_rate = 1.0f / sqrt(sqrt(dot(n, n)));
     if (!finite(s.uv_rate)) s.uv_rate = 0.0f;
   }
 }
 
-PH_INLINE Surface surface_at(const SceneView& scene, const Ray& ray, const Hit& hit) {
+// wants_uv: even if the material does not use it.
+PH_INLINE Surface surface_at(const SceneView& scene, const Ray& ray, const Hit& hit,
+                             bool wants_uv = false) {
   Surface s;
   s.slot = hit.slot;
   const Instance* instance = instance_of(scene, hit.slot);
@@ -186,7 +189,7 @@ PH_INLINE Surface surface_at(const SceneView& scene, const Ray& ray, const Hit& 
   with_primitive(scene, hit.slot, [&](const auto& shape, u32 id) {
     SurfacePoint p;
     surface(shape, local.ray, hit.t * local.stretch - local.skipped, p);
-    complete(scene, shape, id, p, instance, s);
+    complete(scene, shape, id, p, instance, wants_uv, s);
   });
   return s;
 }
@@ -270,8 +273,9 @@ PH_INLINE Vec3 emission(const SceneView& scene, const MaterialRecord& m, const S
                         bool front) {
   Vec3 sum = {0, 0, 0};
   if (front || m.emits_back) {
-    sum = m.emission_texture == kNone ? m.emission
-                                      : m.emission * texel(scene, m.emission_texture, s, 0.0f).rgb;
+    sum = m.emission_texture == kNone
+              ? m.emission
+              : m.emission * max(texel(scene, m.emission_texture, s, 0.0f).rgb, {0, 0, 0});
   }
   if (static_cast<MaterialKind>(m.block.kind) == MaterialKind::emissive) {
     sum += has_color(s.color) ? s.color : block_color(m.block);

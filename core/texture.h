@@ -73,15 +73,10 @@ PH_INLINE float channel_of(const Texel& t, u32 channel) {
 // Puts what a texture has in the place of the parameters that it stands for.
 PH_INLINE void put(ParamBlock& block, const TextureBinding& binding, const Texel& t) {
   float* value = block.value + binding.offset;
-  if (binding.size == 1) {
-    *value = channel_of(t, binding.channel);
-    return;
-  }
   const float c = channel_of(t, binding.channel);
-  const Vec3 rgb = binding.channel == 0 ? t.rgb : Vec3{c, c, c};
-  value[0] = rgb.x;
-  value[1] = rgb.y;
-  value[2] = rgb.z;
+  const bool colored = binding.size == 3 && binding.channel == 0;
+  const float part[3] = {colored ? t.rgb.x : c, colored ? t.rgb.y : c, colored ? t.rgb.z : c};
+  for (u32 i = 0; i < binding.size; ++i) value[i] = clamp(part[i], binding.low, binding.high);
 }
 
 // What texture `id` has at a point of a surface. attribute(name): what the surface's mesh has

@@ -101,8 +101,10 @@ struct MaterialRecord {
   u32 priority;
   Vec3 absorption;  // 1 / normalised unit
   bool emits_back;
-  bool clear;    // what is no hole goes straight on too, but tinted
-  bool uses_uv;  // some texture or anisotropy needs the surface's parametrisation
+  bool body;                 // a path keeps account of being inside of it
+  bool normal_right_handed;  // the normal map's y is normal x u, not along v
+  bool clear;                // what is no hole goes straight on too, but tinted
+  bool uses_uv;              // some texture or anisotropy needs the surface's parametrisation
 };
 
 // A light of the scene: an emissive primitive.

@@ -412,6 +412,14 @@ bool Scene::shines(const MaterialRecord& m) const {
   return !black(m.emission) || static_cast<MaterialKind>(m.block.kind) == MaterialKind::emissive;
 }
 
+// Whether light that goes through the material's surface is then inside of a body.
+static bool has_inside(const MaterialRecord& m) {
+  return baseline::with_material(m.block, {0, 0, 0}, [](const auto& material) {
+    using Material = std::decay_t<decltype(material)>;
+    return requires { Material::transmits; } && !requires { Material::thin; };
+  });
+}
+
 void Scene::make_materials() {
   const float per_unit = static_cast<float>(1.0 / scale_);
   for (u32 i = 0; i < materials_.size(); ++i) {
@@ -422,10 +430,14 @@ void Scene::make_materials() {
     scale_lengths(m.block, material_params(m.block.kind), scale_);
     m.clear = static_cast<MaterialKind>(m.block.kind) == MaterialKind::null && m.priority == 0 &&
               baseline::black(m.absorption) && m.blend_first == kNone && m.back == i;
-    has_bodies_ = has_bodies_ || m.priority != 0 || !baseline::black(m.absorption);
+    m.body = has_inside(m) && (m.priority != 0 || !baseline::black(m.absorption));
+    has_bodies_ = has_bodies_ || m.body;
     view_.has_holes =
         view_.has_holes || m.clear || m.opacity < 1.0f || m.opacity_texture.texture != kNone;
   }
+  // Where there are bodies, what lies within them counts as one too: air in coloured glass.
+  for (MaterialRecord& m : materials_)
+    m.body = m.body || (has_bodies_ && has_inside(m) && !m.clear);
   view_.materials = materials_.data();
 }
 
@@ -549,7 +561,7 @@ LightLeaf Scene::leaf_of(const Slot& slot) const {
       SurfacePoint p{{0, 0, 0}, normal_of(shape), {0, 0}, 0.0f};
       place_on(shape, (static_cast<float>(i) + 0.5f) / static_cast<float>(n),
                static_cast<float>(i * 7 % 16) / 16.0f + 1.0f / 32.0f, p);
-      complete(view_, shape, id, p, instance, s);
+      complete(view_, shape, id, p, instance, false, s);
       sum += luminance(emission(view_, *s.material, s, true));
     }
     constexpr bool flat = is_flat<std::decay_t<decltype(shape)>>;

@@ -77,7 +77,7 @@ VALID: dict[str, Any] = {
             "priority": 3,
             "absorption": 0.25,
         },
-        "both": {"type": "blend", "a": "wall", "b": {"type": "metal"}, "weight": 0.25},
+        "both": {"type": "blend", "a": "brass", "b": {"type": "metal"}, "weight": 0.25},
     },
     "shapes": [
         {"type": "spheres", "centers": [[0, -1000, 0]], "radii": 1000, "name": "ground"},
@@ -237,7 +237,7 @@ def test_every_field_arrives(folder: Path) -> None:
         absorption=0.25,
     )
     assert scene.materials["both"] == ph.Material(
-        "blend", a="wall", b=ph.Material("metal"), weight=0.25
+        "blend", a="brass", b=ph.Material("metal"), weight=0.25
     )
     assert scene.materials["brass"] == ph.Material("metal", color=(0.8, 0.6, 0.3), fuzz=0.25)
     assert scene.settings == ph.Settings(
@@ -1431,7 +1431,9 @@ LAMP = ph.Light("projector", image=GREY, transform=np.eye(4, dtype=np.float32))
         ph.Scene(background=ph.Background("envmap", image=np.full((2, 4, 3), 9, np.uint16))),
         ph.Scene(
             materials={
-                "a": ph.Material("blend", a="b", b=ph.Material("dielectric", roughness=0.5)),
+                "a": ph.Material(
+                    "blend", a=ph.Material("plastic"), b=ph.Material("dielectric", roughness=0.5)
+                ),
                 "b": ph.Material(
                     "diffuse",
                     color=ph.Texture("image", image=np.eye(4) > 0, transform=np.eye(3)),

@@ -803,11 +803,24 @@ def test_no_black_rims(sky: str) -> None:
     )
     seen = image.features["coverage"].squeeze() == 1
     assert 500 < seen.sum() < 2000
-    view = image.features["position"] - [0, 4, 1]
-    away = np.sum(view * image.features["shading_normal"], axis=-1) > 0
+    position = image.features["position"]
+    away = np.sum((position - [0, 4, 1]) * position, axis=-1) > 0  # the interpolated normal
     assert np.sum(seen & away) > 10
     assert image.numpy()[seen].min() > 0.2
     assert image.numpy()[seen].max() < (1 + 1e-5 if sky == "scattering" else 1.2)
+
+
+@pytest.mark.parametrize("sky", FURNACES)
+@pytest.mark.parametrize("normals", ["smooth", "map"])
+@pytest.mark.parametrize("material", ["metal", "conductor"])
+def test_mirrors_of_few_faces_have_no_black_rims(material: str, normals: str, sky: str) -> None:
+    """A white mirror in a white sky is white, wherever its normals point."""
+    more: dict[str, Any] = {"normal_map": steep_normals()} if normals == "map" else {}
+    body = ball(5, 7, ph.Material(material, color=(1, 1, 1), **more))
+    camera = ph.Camera(eye=(0, 4, 1), target=(0, 0, 0), vfov=32)
+    scene = ph.Scene([body], camera=camera, background=FURNACES[sky])
+    pixels = picture(scene, width=32, height=32, spp=8, max_depth=9)
+    np.testing.assert_allclose(pixels, 1, rtol=1e-4 if sky == "scattering" else 0.1)
 
 
 @pytest.mark.parametrize(
@@ -1090,6 +1103,58 @@ def test_attributes() -> None:
         np.testing.assert_allclose(pixels, expected, atol=1e-5)
 
 
+@pytest.mark.parametrize("frame", ["uv", "right_handed"])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_green_of_a_normal_map(frame: str, mirrored: bool) -> None:
+    """Along v, or along normal x u, which are opposites where uv are mirrored."""
+    floor, normal = Floor(), np.array([0.0, 0.6, 0.8])
+    mesh = floor.mesh()
+    uvs = np.asarray(mesh.uvs) * ([1, -1] if mirrored else [1, 1])
+    material = ph.Material(
+        "diffuse",
+        color=(1, 1, 1),
+        normal_map=constant_texture((normal + 1) / 2),
+        normal_map_frame=frame,
+    )
+    scene = ph.Scene(
+        [replace(mesh, uvs=uvs, material=material)],
+        camera=floor.camera(),
+        background=DARK,
+        lights=[SLANTED],
+    )
+    # v is -z in the picture's plane, unless mirrored; normal x u is -z always
+    along_v = 1.0 if mirrored and frame == "uv" else -1.0
+    expected = np.array([0, normal[2], along_v * normal[1]]) @ TOWARD_SLANTED
+    pixels = picture(scene, width=4, height=4, spp=1, max_depth=2)
+    np.testing.assert_allclose(pixels, expected, rtol=1e-5)
+
+
+def test_textures_are_cut_to_their_parameters_range() -> None:
+    image = np.array([[[5.0, 0.5, -1.0]]], np.float32)
+    texture = ph.Texture("image", image=image, filter="nearest")
+    pixels = colored(ph.Material("diffuse", color=texture))
+    np.testing.assert_allclose(pixels, np.broadcast_to([1, 0.5, 0], pixels.shape), rtol=1e-5)
+    lamp = Floor(size=2).render(material=ph.Material("diffuse", color=(0, 0, 0), emission=texture))
+    np.testing.assert_allclose(lamp, np.broadcast_to([5, 0.5, 0], lamp.shape), rtol=1e-5)
+    dim = ph.Background("envmap", image=np.full((2, 4, 3), -1, np.float32))
+    assert not np.any(picture(ph.Scene([], camera=ph.Camera(), background=dim), width=2, height=2))
+
+
+def test_textured_radiance() -> None:
+    """Of an emissive material, seen and asked for from both sides."""
+    image = np.array([[1.0, 3.0]], np.float32)
+    texture = ph.Texture("image", image=image, filter="nearest")
+    lamp = ph.Material("emissive", radiance=texture)
+    seen = Floor(size=2).render(material=lamp, spp=1)
+    np.testing.assert_allclose(seen[..., 0], np.broadcast_to([1, 3], (2, 2)), rtol=1e-5)
+    floor = Floor()
+    for front in (1.0, -1.0):
+        shape = quad((-0.5 * front, 1.0, -0.5), (front, 0, 0), (0, 0, 1), lamp)
+        light = floor.runs(shape, spp=64).mean()
+        twice = replace(shape, material=ph.Material("emissive", radiance=(2, 2, 2)))
+        np.testing.assert_allclose(light, floor.runs(twice, spp=64).mean(), rtol=0.02)
+
+
 def test_textures_of_textures() -> None:
     rng = np.random.default_rng(13)
     a, b, w = (rng.uniform(0, 1, (4, 4, n)).astype(np.float32) for n in (3, 3, 1))
@@ -1278,11 +1343,11 @@ def everything() -> ph.Scene:
         "principled",
         color=ph.Texture("image", image=image),
         normal_map=steep_normals(),
-        opacity=0.8,
     )
+    thin = ph.Material("principled", color=(0.5, 0.8, 0.9), opacity=0.8)
     group = [
         statue(),
-        ball(6, 8, bumpy),
+        ball(6, 8, thin),
         quad((0, 0, 0), (0.5, 0, 0), (0.2, 0.4, 0), LAMP),
         ph.Cylinders([[0, 0, 0]], [[0, 0, 0.8]], 0.2, material=LAMP),
     ]

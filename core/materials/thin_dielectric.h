@@ -12,6 +12,7 @@ struct ThinDielectric {
   Vec3 reflectance, transmittance;
 
   static constexpr bool transmits = true;
+  static constexpr bool thin = true;  // has no inside
   static constexpr const char* doc = "thin pane of glass: mirrors, or lets pass straight on";
   static constexpr ParamInfo params[] = {
       {"color", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "tint of all light"},

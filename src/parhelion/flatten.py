@@ -34,12 +34,14 @@ NONE = 0xFFFFFFFF  # no texture, image or material
 
 # Parameters that every material takes; scene.py says what they mean.
 COMMON = {
-    "emission", "two_sided_emission", "opacity", "normal_map", "bump_map", "two_sided", "back",
-    "priority", "absorption",
+    "emission", "two_sided_emission", "opacity", "normal_map", "normal_map_frame", "bump_map",
+    "two_sided", "back", "priority", "absorption",
 }  # fmt: skip
 
 # The names of shapes that were given none
 _UNNAMED = {kind.name for kind in (Spheres, Mesh, Disks, Cylinders, Curves, Instances)}
+
+_NORMAL_FRAMES = ("uv", "right_handed")
 
 _CHANNELS = {"luminance": 0, "rgb": 0, "r": 1, "g": 2, "b": 3, "a": 4}
 
@@ -110,18 +112,21 @@ def flatten(scene: Scene) -> Flat:
     for name in scene.materials:
         parts.materials.append({})  # its place: later ones may be its back or part of its blend
         parts.material_names.append(_text(name))
+        parts.places.append(f"material {name!r}")
     named_count = len(parts.materials)
     parts.named = {name: i for i, name in enumerate(scene.materials)}
-    parts.known = dict(scene.materials)
-    for name, named in scene.materials.items():
-        parts.materials[parts.named[name]] = parts.material(named, f"material {name!r}", name)
-
     own: list[dict[str, Any]] = []
-    for shape in scene.shapes:
-        if isinstance(shape, Instances):
-            own.append(parts.instances(shape))
-        else:
-            own.append(parts.shape(shape))
+    try:
+        for name, named in scene.materials.items():
+            parts.materials[parts.named[name]] = parts.material(named, f"material {name!r}", name)
+        for shape in scene.shapes:
+            if isinstance(shape, Instances):
+                own.append(parts.instances(shape))
+            else:
+                own.append(parts.shape(shape))
+    except RecursionError:
+        raise SceneError("materials are made of materials too deeply") from None
+    parts.check_parts()
     parts.groups.append(own)
     if scene.background is not None:
         parts.light(scene.background, "background", outside=True)
@@ -174,11 +179,11 @@ class _Parts:
     groups: list[list[dict[str, Any]]] = field(default_factory=list)
     materials: list[dict[str, Any]] = field(default_factory=list)
     material_names: list[str] = field(default_factory=list)
+    places: list[str] = field(default_factory=list)  # of materials, as error texts name them
     textures: list[dict[str, Any]] = field(default_factory=list)
     images: list[dict[str, Any]] = field(default_factory=list)
     lights: list[dict[str, Any]] = field(default_factory=list)
     named: dict[str, int] = field(default_factory=dict)
-    known: dict[str, Material] = field(default_factory=dict)
     attributes: dict[str, int] = field(default_factory=dict)
     _materials_made: dict[Material, int] = field(default_factory=dict)
     _textures_made: dict[Texture, int] = field(default_factory=dict)
@@ -200,6 +205,7 @@ class _Parts:
             index = len(self.materials)
             self.materials.append({})
             self.material_names.append(material.type)
+            self.places.append(where)
             self._materials_made[material] = index
             self.materials[index] = self.material(material, where, None, index)
         return self._materials_made[material]
@@ -227,8 +233,6 @@ class _Parts:
             record["block"] = block("materials", "diffuse", {}, where)
             first = self.material_index(params["a"], f"{where}: a")
             second = self.material_index(params["b"], f"{where}: b")
-            if own in (first, second):
-                raise SceneError(f"{where}: is a blend of itself")
             record["blend_first"], record["blend_second"] = first, second
             value, texture = self._number(params.get("weight", 0.5), 0.0, 1.0, f"{where}: weight")
             record["blend_weight"] = value
@@ -251,13 +255,21 @@ class _Parts:
             record["bindings"] = self.bindings(entry, params, where)
             uses_uv = bool(record["bindings"]) or bool(params.get("anisotropy"))
         emission = common.get("emission", (0.0, 0.0, 0.0))
+        both = _flag(common.get("two_sided_emission", False), f"{where}: two_sided_emission")
+        if m.type == "emissive" and record["bindings"]:
+            # light that varies over a surface is of one kind, whatever the material
+            if np.any(emission) or isinstance(emission, Texture):
+                raise SceneError(f"{where}: has both a texture of radiance and emission")
+            emission, both = params["radiance"], True
+            record["block"] = block("materials", "emissive", {"radiance": (0.0,) * 3}, where)
+            record["bindings"] = []
         if isinstance(emission, Texture):
             record["emission"] = (1.0, 1.0, 1.0)
             record["emission_texture"] = self.binding(emission, 3, 0, f"{where}: emission")
             uses_uv = True
         else:
             record["emission"] = _color(emission, f"{where}: emission")
-        record["emits_back"] = _flag(common.get("two_sided_emission", False), where)
+        record["emits_back"] = both
         value, texture = self._number(common.get("opacity", 1.0), 0.0, 1.0, f"{where}: opacity")
         record["opacity"] = value
         if texture is not None:
@@ -269,6 +281,10 @@ class _Parts:
                     raise SceneError(f"{where}: {key} must be a Texture")
                 record[key] = self.binding(common[key], 3, 0, f"{where}: {key}", data=True)
                 uses_uv = True
+        frame = common.get("normal_map_frame", "uv")
+        if frame not in _NORMAL_FRAMES:
+            raise SceneError(f"{where}: {unknown_name('normal_map_frame', frame, _NORMAL_FRAMES)}")
+        record["normal_right_handed"] = frame == "right_handed"
         record["absorption"] = _color(common.get("absorption", (0.0,) * 3), f"{where}: absorption")
         priority = common.get("priority", 0)
         if isinstance(priority, bool) or not isinstance(priority, (int, np.integer)):
@@ -287,12 +303,46 @@ class _Parts:
         record["uses_uv"] = uses_uv
         return record
 
+    def check_parts(self) -> None:
+        """Light and holes are of a material as a whole, and no blend is made of itself.
+
+        When all are made, as materials may name later ones. Raises SceneError.
+        """
+        kinds = list(tables.tables()["materials"])
+        for index, m in enumerate(self.materials):
+            parts = {"a": m.get("blend_first"), "b": m.get("blend_second")}
+            if m["back"] not in (index, NONE):
+                parts["back"] = m["back"]
+            for key, part in parts.items():
+                if part is None:
+                    continue
+                where = f"{self.places[index]}: {key}"
+                other = self.materials[part]
+                if any(other["emission"]) or kinds[other["block"][0]] == "emissive":
+                    raise SceneError(f"{where} shines; give the emission to the whole material")
+                if other["opacity"] < 1.0 or "opacity_texture" in other:
+                    raise SceneError(f"{where} has holes; give the opacity to the whole material")
+        # Blends all of whose parts are known to end, again and again, until no more are found
+        ends = {i for i, m in enumerate(self.materials) if "blend_first" not in m}
+        while True:
+            more = {
+                i
+                for i, m in enumerate(self.materials)
+                if i not in ends and {m["blend_first"], m["blend_second"]} <= ends
+            }
+            if not more:
+                break
+            ends |= more
+        for i in range(len(self.materials)):
+            if i not in ends:
+                raise SceneError(f"{self.places[i]}: is a blend of itself, by way of its parts")
+
     def _number(
         self, value: Any, low: float, high: float, where: str
     ) -> tuple[float, dict[str, int] | None]:
         """A number, and the texture in its place, if there is one."""
         if isinstance(value, Texture):
-            return 1.0, self.binding(value, 1, 0, where)
+            return 1.0, self.binding(value, 1, 0, where, limits=(low, high))
         try:
             number = float(value)
         except (TypeError, ValueError):
@@ -304,9 +354,18 @@ class _Parts:
     # --- Textures --------------------------------------------------------------------------------
 
     def binding(
-        self, texture: Texture, size: int, offset: int, where: str, data: bool = False
-    ) -> dict[str, int]:
-        """A texture in the place of `size` numbers of a block, from `offset`. data: no colours."""
+        self,
+        texture: Texture,
+        size: int,
+        offset: int,
+        where: str,
+        data: bool = False,
+        limits: tuple[float, float] = (0.0, tables.LARGEST),
+    ) -> dict[str, Any]:
+        """A texture in the place of `size` numbers of a block, from `offset`. data: no colours.
+
+        limits: what its values are cut to.
+        """
         if not isinstance(texture, Texture):
             raise SceneError(f"{where}: a Texture is needed, not {texture!r}")
         _refuse_deep(texture, where)
@@ -319,13 +378,15 @@ class _Parts:
             "offset": offset,
             "size": size,
             "channel": _CHANNELS[channel],
+            "low": limits[0],
+            "high": min(limits[1], tables.LARGEST),
         }
 
     def bindings(
         self, entry: tables.Entry, params: Mapping[str, Any], where: str, data: bool = False
-    ) -> list[dict[str, int]]:
+    ) -> list[dict[str, Any]]:
         """Of those parameters that are textures."""
-        found: list[dict[str, int]] = []
+        found: list[dict[str, Any]] = []
         offset = 0
         for p in entry.params:
             given = params.get(p.name)
@@ -333,7 +394,8 @@ class _Parts:
                 if p.choices or (entry.name, p.name) == ("attribute", "name"):
                     raise SceneError(f"{where}: parameter {p.name!r} cannot be a Texture")
                 what = f"{where}: parameter {p.name!r}"
-                found.append(self.binding(given, p.size, offset, what, data))
+                limits = (p.low, p.high)
+                found.append(self.binding(given, p.size, offset, what, data, limits))
             offset += p.size
         for key in params.keys() - {p.name for p in entry.params}:
             if isinstance(params[key], Texture):
@@ -343,12 +405,13 @@ class _Parts:
 
     def texture_index(self, t: Texture, where: str, data: bool) -> int:
         key = Texture(t.type, **t.params, __data=data)
-        if key not in self._textures_made:
+        index = self._textures_made.get(key)
+        if index is None:
             record = self._texture(t, where, data)  # those that it is made of come before it
-            self._textures_made[key] = len(self.textures)
+            index = self._textures_made[key] = len(self.textures)
             self.textures.append(record)
             self._kept.append(t)
-        return self._textures_made[key]
+        return index
 
     def _texture(self, t: Texture, where: str, data: bool) -> dict[str, Any]:
         entry = tables.entry("textures", t.type, where)
@@ -392,18 +455,28 @@ class _Parts:
     def attribute(self, name: str) -> int:
         return self.attributes.setdefault(name, len(self.attributes))
 
-    def image_index(self, image: Any, color_space: str, where: str, data: bool, mip: bool) -> int:
+    def image_index(
+        self,
+        image: Any,
+        color_space: str,
+        where: str,
+        data: bool,
+        mip: bool,
+        radiance: bool = False,
+    ) -> int:
         if color_space not in ("auto", "srgb", "linear"):
             choices = ("auto", "srgb", "linear")
             raise SceneError(f"{where}: {unknown_name('color_space', color_space, choices)}")
         name = str(image) if isinstance(image, str) or hasattr(image, "__fspath__") else "image"
-        key = (name if name != "image" else id(image), color_space, data, mip)
+        key = (name if name != "image" else id(image), color_space, data, mip, radiance)
         if key not in self._images_made:
             from .image import read_pixels
 
             self._kept.append(image)
             pixels = read_pixels(image, where) if name != "image" else np.asarray(image)
             pixels = _pixels(pixels, f"{where}: image")
+            if radiance and pixels.dtype == np.float32 and np.any(pixels < 0):
+                pixels = np.maximum(pixels, np.float32(0))  # as of filters that overshoot
             srgb = color_space == "srgb" or (
                 color_space == "auto" and not data and pixels.dtype == np.uint8
             )
@@ -447,7 +520,7 @@ class _Parts:
             if common.get("image") is None:
                 raise SceneError(f"{where}: parameter 'image' is missing")
             record["image"] = self.image_index(
-                common["image"], common.get("color_space", "auto"), where, False, False
+                common["image"], common.get("color_space", "auto"), where, False, False, True
             )
         elif common.get("image") is not None:
             raise SceneError(f"{where}: a light of type {light.type!r} takes no image")

@@ -78,14 +78,16 @@ class _Entry:
     docs/scene.md.
     """
 
-    __slots__ = ("params", "type")
+    __slots__ = ("_hash", "params", "type")
 
     type: str
     params: Mapping[str, Any]
+    _hash: int | None
 
     def __init__(self, type: str, **params: Any) -> None:
         object.__setattr__(self, "type", type)
         object.__setattr__(self, "params", MappingProxyType(dict(params)))
+        object.__setattr__(self, "_hash", None)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is frozen; make a new one")
@@ -98,10 +100,18 @@ class _Entry:
         return self.type, tuple(sorted((k, _comparable(v)) for k, v in self.params.items()))
 
     def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and self._key() == other._key()
+        if self is other:
+            return True
+        return (
+            type(other) is type(self) and hash(self) == hash(other) and self._key() == other._key()
+        )
 
     def __hash__(self) -> int:
-        return hash(self._key())
+        # Kept: what is a part of several others would be gone through again and again.
+        if self._hash is None:
+            object.__setattr__(self, "_hash", hash(self._key()))
+        assert self._hash is not None
+        return self._hash
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (type(self), self.type, dict(self.params))
@@ -150,7 +160,8 @@ class Material(_Entry):
         back does too.
     opacity: 1 where there is a surface, 0 where there is a hole; light passes in proportion.
     normal_map: a Texture of normals in tangent space, 0.5 being 0; the red axis along u, the green
-        along v. bump_map: a Texture of heights in scene units.
+        along v, as in glTF, or, with normal_map_frame="right_handed", along normal x u.
+    bump_map: a Texture of heights in scene units.
     two_sided: both sides look as the front does; the default. False makes the back black, where the
         material lets no light through. back: the Material of the back.
     priority: a whole number from 1; of glass bodies that overlap, the one of the highest counts.

@@ -43,7 +43,7 @@ LightInput light(LightKind kind, std::vector<float> values) {
   return l;
 }
 
-constexpr TextureBinding kNoBinding = {kNone, 0, 0, 0};
+constexpr TextureBinding kNoBinding = {kNone, 0, 0, 0, 0.0f, 0.0f};
 
 MaterialRecord material(const ParamBlock& b, u32 own) {
   MaterialRecord m{};

@@ -93,6 +93,10 @@ class CommonMaterial(Struct, forbid_unknown_fields=True):
         InlineTexture | None,
         _doc("of normals in tangent space, 0.5 being 0; red along u, green along v"),
     ] = None
+    normal_map_frame: Annotated[
+        Literal["uv", "right_handed"],
+        _doc("where green points: along v, or along normal x u"),
+    ] = "uv"
     bump_map: Annotated[InlineTexture | None, _doc("of heights in scene units")] = None
     two_sided: Annotated[
         bool,
