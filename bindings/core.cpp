@@ -644,9 +644,11 @@ nb::object warp_pdf(const std::string& name, float parameter, const FloatRows& w
 // (directions, weights, densities, is delta)
 std::tuple<nb::object, nb::object, nb::object, nb::object> bsdf_sample(const BlockTuple& material,
                                                                        const Triple& wo, u64 seed,
-                                                                       u64 n) {
+                                                                       u64 n,
+                                                                       const std::string& sampler) {
   std::vector<BsdfProbe> probes(n);
-  kernels().bsdf_sample(to_block(material), to_vec3(wo), seed, n, probes.data());
+  kernels().bsdf_sample(to_block(material), to_vec3(wo), sampler_kind(sampler), seed, n,
+                        probes.data());
   float *wi, *weight, *pdf;
   u8* delta;
   nb::object wis = make_array<float>({n, 3}, wi), weights = make_array<float>({n, 3}, weight);
@@ -781,7 +783,8 @@ NB_MODULE(_core, m) {
 
   m.def("warp", &warp, "name"_a, "parameter"_a, "u"_a);
   m.def("warp_pdf", &warp_pdf, "name"_a, "parameter"_a, "w"_a);
-  m.def("bsdf_sample", &bsdf_sample, "material"_a, "wo"_a, "seed"_a, "n"_a);
+  m.def("bsdf_sample", &bsdf_sample, "material"_a, "wo"_a, "seed"_a, "n"_a,
+        "sampler"_a = "independent");
   m.def("bsdf_eval", &bsdf_eval, "material"_a, "wo"_a, "wi"_a);
   m.def("draws", &draws, "sampler"_a, "x"_a, "y"_a, "first"_a, "n"_a, "dimension"_a, "seed"_a);
   m.def("filter_offsets", &filter_offsets, "filter"_a, "radius"_a, "u"_a);

@@ -38,7 +38,7 @@ struct Kernels {
   // The sampling routines by themselves, for the statistical tests.
   void (*warp)(WarpKind, float parameter, const Vec2*, u64 n, Vec3*);
   void (*warp_pdf)(WarpKind, float parameter, const Vec3*, u64 n, float*);
-  void (*bsdf_sample)(const ParamBlock&, Vec3 wo, u64 seed, u64 n, BsdfProbe*);
+  void (*bsdf_sample)(const ParamBlock&, Vec3 wo, SamplerKind, u64 seed, u64 n, BsdfProbe*);
   void (*bsdf_eval)(const ParamBlock&, Vec3 wo, const Vec3* wi, u64 n, Vec3* value, float* pdf);
   void (*light_sample)(const SceneView&, Vec3 from, u64 seed, u64 n, LightProbe*);
   void (*draws)(SamplerKind, u32 x, u32 y, u32 first, u64 n, u32 dimension, u64 seed, Vec2*);

@@ -104,11 +104,12 @@ void warp_pdf(WarpKind kind, float parameter, const Vec3* w, u64 n, float* out) 
   }
 }
 
-void bsdf_sample(const ParamBlock& block, Vec3 wo, u64 seed, u64 n, BsdfProbe* out) {
+void bsdf_sample(const ParamBlock& block, Vec3 wo, SamplerKind kind, u64 seed, u64 n,
+                 BsdfProbe* out) {
   with_material(block, block_color(block), [&](const auto& m) {
     for (u64 i = 0; i < n; ++i) {
       const u32 index = static_cast<u32>(i);
-      const Sampler sampler = make_sampler(SamplerKind::independent, 0, 0, index, seed);
+      const Sampler sampler = make_sampler(kind, 0, 0, index, seed);
       BsdfSample s = {{0, 0, 0}, {0, 0, 0}, 0.0f, 1.0f, false};
       const bool scattered = sample(m, wo, sampler, kDrawFirstBounce, s);
       if (!scattered) s.weight = {0, 0, 0};

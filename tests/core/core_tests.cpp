@@ -351,7 +351,7 @@ void probes_run() {
   const Kernels& k = kernels();
   for (const ParamBlock& m : Cloud::materials()) {
     std::vector<BsdfProbe> probes(64);
-    k.bsdf_sample(m, {0.6f, 0.0f, 0.8f}, 1, probes.size(), probes.data());
+    k.bsdf_sample(m, {0.6f, 0.0f, 0.8f}, SamplerKind::independent, 1, probes.size(), probes.data());
     Vec3 value;
     float pdf;
     k.bsdf_eval(m, {0.6f, 0.0f, 0.8f}, &probes[0].wi, 1, &value, &pdf);
