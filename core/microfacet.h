@@ -46,18 +46,17 @@ inline float normal_density(const Microfacets& d, Vec3 m) {
   return exp(-r2 / z2) / (area * z2 * z2);
 }
 
-// Smith's G1: the share of a microsurface's facing area that is visible from w.
+// Smith's G1: the share of a microsurface's facing area that is visible from w. Without branches.
+PH_INLINE float visible_share(Facets distribution, const Microfacets& d, Vec3 w) {
+  const float x = d.alpha_u * w.x, y = d.alpha_v * w.y, z = abs(w.z), r2 = x * x + y * y;
+  if (distribution == Facets::ggx) return z > 0.0f ? 2.0f * z / (z + sqrt(z * z + r2)) : 0.0f;
+  // Directions steeper than 4 standard slopes see all.
+  const float a = z / max(sqrt(r2), 0.25f * z);
+  return a / (0.5f * a * (1.0f + erf_within(a)) + exp_within(-a * a) * (0.5f / 1.77245385f));
+}
+
 inline float visible_share(const Microfacets& d, Vec3 w) {
-  const float x = d.alpha_u * w.x, y = d.alpha_v * w.y, z2 = w.z * w.z;
-  const float r2 = x * x + y * y;
-  if (d.distribution == Facets::ggx) {
-    const float z = abs(w.z);
-    return z > 0.0f ? 2.0f * z / (z + sqrt(z2 + r2)) : 0.0f;
-  }
-  if (!(r2 > z2 * 0.0625f)) return 1.0f;  // steeper than 4 standard slopes
-  const float a = sqrt(z2 / r2);
-  if (!(a > 0.0f)) return 0.0f;
-  return a / (0.5f * a * (1.0f + erf(a)) + exp(-a * a) * (0.5f / 1.77245385f));
+  return visible_share(d.distribution, d, w);
 }
 
 // Density of the normals visible from wo, per steradian: that of sample_visible_normal.
@@ -141,7 +140,7 @@ inline Reflection reflection(const Microfacets& d, Vec3 wo, Vec3 wi, bool correl
 
 // Tables, see tables/generate.py for what they hold and their coordinates.
 
-// x in [0, 1] among n nodes by Catmull and Rom's cubic, which continues straight beyond the ends.
+// x in [0, 1] among n nodes by the cubic through the four around it.
 struct Cubic {
   u32 first;
   float weight[4];
@@ -149,18 +148,16 @@ struct Cubic {
 
 inline Cubic cubic(float x, u32 n) {
   const float at = clamp(x, 0.0f, 1.0f) * static_cast<float>(n - 1);
-  const u32 whole = static_cast<u32>(at), k = whole < n - 2 ? whole : n - 2;
-  const float f = at - static_cast<float>(k);
-  const float a = 0.5f * f * (-1.0f + f * (2.0f - f));
-  const float b = 1.0f + 0.5f * f * f * (3.0f * f - 5.0f);
-  const float c = 0.5f * f * (1.0f + f * (4.0f - 3.0f * f));
-  const float d = 0.5f * f * f * (f - 1.0f);
-  if (k == 0) return {0, {b + 2.0f * a, c - a, d, 0.0f}};
-  if (k == n - 2) return {n - 4, {0.0f, a, b - d, c + 2.0f * d}};
-  return {k - 1, {a, b, c, d}};
+  const u32 whole = static_cast<u32>(at), k = whole > 1 ? whole - 1 : 0;
+  const u32 first = k < n - 4 ? k : n - 4;
+  const float a = at - static_cast<float>(first), b = a - 1.0f, c = a - 2.0f, d = a - 3.0f;
+  return {
+      first,
+      {b * c * d * (-1.0f / 6.0f), a * c * d * 0.5f, a * b * d * -0.5f, a * b * c * (1.0f / 6.0f)}};
 }
 
-// A value of a table [index][alpha][angle] of whole numbers, or of its last two or one dimensions.
+// A value of a table of whole numbers, by its place in each dimension. Before each but the last
+// comes how far apart the numbers of neighbouring places are.
 template <class T>
 PH_INLINE float grid(const T* table, const Cubic& x) {
   table += x.first;
@@ -168,17 +165,12 @@ PH_INLINE float grid(const T* table, const Cubic& x) {
           x.weight[3] * table[3]) *
          0x1p-15f;
 }
-template <class T>
-inline float grid(const T* table, const Cubic& y, const Cubic& x, u32 width) {
-  float sum = 0.0f;
-  for (u32 i = 0; i < 4; ++i) sum += y.weight[i] * grid(table + (y.first + i) * width, x);
-  return sum;
-}
-template <class T>
-inline float grid(const T* table, const Cubic& z, const Cubic& y, const Cubic& x, u32 width) {
+
+template <class T, class... Rest>
+inline float grid(const T* table, u32 stride, const Cubic& x, const Rest&... rest) {
   float sum = 0.0f;
   for (u32 i = 0; i < 4; ++i) {
-    sum += z.weight[i] * grid(table + (z.first + i) * kAlphas * width, y, x, width);
+    sum += x.weight[i] * grid(table + (x.first + i) * stride, rest...);
   }
   return sum;
 }
@@ -195,50 +187,130 @@ PH_INLINE float angle_coordinate(float cosine, float alpha) {
   return sqrt(z * (1.0f + 2.0f * alpha) / (z + 2.0f * alpha));
 }
 
-// The tables are of isotropic surfaces; others are not compensated. Where a table is used for them
-// all the same, they count as isotropic ones of the same mean.
-PH_INLINE bool isotropic(const Microfacets& d) { return d.alpha_u == d.alpha_v; }
+// Along the cosine seen from within glass of the index 1 / eta: a step at the critical angle, as
+// wide as roughness blurs it, besides.
+PH_INLINE float inner_coordinate(float cosine, float alpha, float eta) {
+  const float critical = safe_sqrt(1.0f - eta * eta), width2 = 4.0f * alpha * alpha;
+  const auto step = [&](float z) {
+    const float x = z - critical;
+    return x / sqrt(x * x + width2);
+  };
+  const float low = step(0.0f);
+  return (angle_coordinate(cosine, alpha) + step(cosine) - low) / (1.0f + step(1.0f) - low);
+}
 
-PH_INLINE float mean_alpha(const Microfacets& d) {
-  return isotropic(d) ? d.alpha_u : sqrt(d.alpha_u * d.alpha_v);
+// Slopes whose difference does not matter.
+PH_INLINE bool isotropic(const Microfacets& d) {
+  return abs(d.alpha_u - d.alpha_v) <= 1e-3f * d.alpha_u;
 }
 
 inline Cubic alpha_place(float alpha) { return cubic(sqrt(alpha), kAlphas); }
 
-// Reflection by metal times metal_gain(wo) metal_gain(wi) loses nothing, and is reciprocal.
-inline float metal_gain(const Microfacets& d, Vec3 w) {
-  if (!isotropic(d)) return 1.0f;
-  const u16* table = kMetalEscape + static_cast<u32>(d.distribution) * kAlphas * kMetalAngles;
-  const Cubic x = cubic(angle_coordinate(w.z, d.alpha_u), kMetalAngles);
-  return 1.0f / grid(table, alpha_place(d.alpha_u), x, kMetalAngles);
+// Share of the light from w that metal sends back, but for a factor that makes it reciprocal, where
+// slopes along x and y differ.
+inline float stretched_escape(const Microfacets& d, Vec3 w) {
+  constexpr u32 kAngle = kStretchedAngles, kAzimuth = kStretchedAzimuths * kAngle;
+  constexpr u32 kRatio = kStretchedRatios * kAzimuth, kAll = kStretchedAlphas * kRatio;
+  const bool along_x = d.alpha_u > d.alpha_v;
+  const float high = along_x ? d.alpha_u : d.alpha_v, low = along_x ? d.alpha_v : d.alpha_u;
+  const float x = d.alpha_u * w.x, y = d.alpha_v * w.y, flat2 = w.x * w.x + w.y * w.y;
+  const float alpha = flat2 > 0.0f ? sqrt((x * x + y * y) / flat2) : high;  // towards w
+  const auto root = [](float a) { return sqrt(sqrt(a)); };
+  const float azimuth = (root(alpha) - root(low)) / (root(high) - root(low));
+  return grid(kStretchedEscape + static_cast<u32>(d.distribution) * kAll, kRatio,
+              cubic(sqrt(high), kStretchedAlphas), kAzimuth,
+              cubic(sqrt(low / high), kStretchedRatios), kAngle, cubic(azimuth, kStretchedAzimuths),
+              cubic(angle_coordinate(w.z, alpha), kStretchedAngles));
 }
 
-// What glass reflects and refracts together of the light from w; eta is the index of the other side
-// over that of w's own.
+// Reflection by metal times metal_gain(wo) metal_gain(wi) loses nothing, and is reciprocal.
+inline float metal_gain(const Microfacets& d, Vec3 w) {
+  if (!isotropic(d)) return 1.0f / stretched_escape(d, w);
+  const u16* table = kMetalEscape + static_cast<u32>(d.distribution) * kMetalAlphas * kMetalAngles;
+  const Cubic x = cubic(angle_coordinate(w.z, d.alpha_u), kMetalAngles);
+  return 1.0f / grid(table, kMetalAngles, cubic(sqrt(d.alpha_u), kMetalAlphas), x);
+}
+
+// Shares of the light from w, above the surface, that go each way in single bounces; eta is the
+// index of the far side over that of w's own.
+struct Bounces {
+  float reflected, refracted;
+};
+
+// Sums lane by lane, which compilers turn into vectors; the order is the same for all of them.
+inline constexpr u32 kBounceLanes = 16;
+struct BounceSums {
+  float all[kBounceLanes], reflected[kBounceLanes], refracted[kBounceLanes];
+};
+
+// m: a normal of any length, of GGX a visible one, of Beckmann any, which counts by how much of it
+// is seen; o: the share visible from w, or 1 for separable masking.
+PH_INLINE void add_bounces(BounceSums& sums, u32 lane, Facets distribution, const Microfacets& d,
+                           Vec3 w, float eta, float o, Vec3 m) {
+  m = normalize(m);
+  const float facing = clamp(dot(w, m), 0.0f, 1.0f);
+  const Fresnel f = fresnel_dielectric(facing, eta);
+  const Vec3 up = mirrored(w, m), down = m * (facing / eta - f.cos_t) - w * (1.0f / eta);
+  const float i = visible_share(distribution, d, up) * (up.z > 0.0f ? 1.0f : 0.0f);
+  const float t = visible_share(distribution, d, down) * (down.z < 0.0f ? 1.0f : 0.0f);
+  const float weight = distribution == Facets::ggx ? 1.0f : facing / m.z;
+  sums.all[lane] += weight;
+  sums.reflected[lane] += weight * f.reflected * (i / (o + i - o * i));
+  sums.refracted[lane] += weight * (1.0f - f.reflected) * (t / (o + t - o * t));
+}
+
+// By quadrature over the visible normals. It serves where slopes along x and y differ, whose tables
+// would have five dimensions and, from within, sharp edges in two of them.
+inline Bounces count_bounces(const Microfacets& d, Vec3 w, float eta, bool correlated) {
+  const float o = correlated ? max(visible_share(d, w), 1e-20f) : 1.0f;
+  const Vec3 s = normalize(Vec3{d.alpha_u * w.x, d.alpha_v * w.y, w.z});
+  BounceSums sums = {};
+  for (u32 k = 0; k < kLatticeNormals; k += kBounceLanes) {
+    const float *c = kNormalLattice + k, *e = c + kLatticeNormals;
+    const float *p = e + kLatticeNormals, *slope = p + kLatticeNormals;
+    if (d.distribution == Facets::ggx) {
+      for (u32 i = 0; i < kBounceLanes; ++i) {  // as in sample_visible_normal
+        const float z = 1.0f - p[i] * (1.0f + s.z), r = safe_sqrt(1.0f - z * z);
+        const Vec3 m = {d.alpha_u * (r * c[i] + s.x), d.alpha_v * (r * e[i] + s.y),
+                        max(z + s.z, 1e-7f)};
+        add_bounces(sums, i, Facets::ggx, d, w, eta, o, m);
+      }
+    } else {
+      for (u32 i = 0; i < kBounceLanes; ++i) {
+        const Vec3 m = {d.alpha_u * slope[i] * c[i], d.alpha_v * slope[i] * e[i], 1.0f};
+        add_bounces(sums, i, Facets::beckmann, d, w, eta, o, m);
+      }
+    }
+  }
+  float all = 0.0f;
+  Bounces sum = {0.0f, 0.0f};
+  for (u32 i = 0; i < kBounceLanes; ++i) {
+    all += sums.all[i];
+    sum.reflected += sums.reflected[i];
+    sum.refracted += sums.refracted[i];
+  }
+  return {sum.reflected / all, sum.refracted / all};
+}
+
+// What glass reflects and refracts together of the light from w.
 inline float glass_albedo(const Microfacets& d, Vec3 w, float eta) {
-  if (!isotropic(d)) return 1.0f;
+  if (!isotropic(d)) {
+    const Bounces once = count_bounces(d, w, eta, true);
+    return once.reflected + once.refracted;
+  }
   const u32 distribution = static_cast<u32>(d.distribution);
   const float alpha = d.alpha_u, z = min(abs(w.z), 1.0f);
   const Cubic y = alpha_place(alpha);
   if (eta >= 1.0f) {
-    const u16* table = kGlassOuter + distribution * kIndices * kAlphas * kOuterAngles;
-    return grid(table, cubic(index_coordinate(eta), kIndices), y,
-                cubic(angle_coordinate(z, alpha), kOuterAngles), kOuterAngles);
+    constexpr u32 kRow = kOuterAngles, kPage = kAlphas * kRow;
+    return grid(kGlassOuter + distribution * kIndices * kPage, kPage,
+                cubic(index_coordinate(eta), kIndices), kRow, y,
+                cubic(angle_coordinate(z, alpha), kOuterAngles));
   }
-  constexpr u32 kWidth = 2 * kInnerAngles;
-  const u16* table = kGlassInner + distribution * kIndices * kAlphas * kWidth;
-  const float refracted2 = 1.0f - (1.0f - z * z) / (eta * eta);
-  Cubic x;
-  if (refracted2 > 0.0f) {
-    x = cubic(angle_coordinate(sqrt(refracted2), alpha), kInnerAngles);
-    x.first += kInnerAngles;
-  } else {
-    const float share2 = min(z * z / (1.0f - eta * eta), 1.0f);  // of the critical cosine
-    const float rising = angle_coordinate(z, alpha);
-    const float falling = angle_coordinate(sqrt(1.0f - share2), alpha);
-    x = cubic(rising / (rising + falling), kInnerAngles);
-  }
-  return grid(table, cubic(index_coordinate(1.0f / eta), kIndices), y, x, kWidth);
+  constexpr u32 kRow = kInnerAngles, kPage = kAlphas * kRow;
+  return grid(kGlassInner + distribution * kInnerIndices * kPage, kPage,
+              cubic(index_coordinate(1.0f / eta), kInnerIndices), kRow, y,
+              cubic(inner_coordinate(z, alpha, eta), kInnerAngles));
 }
 
 // A dielectric coat of index eta >= 1, whose reflection is not compensated: what does not come back
@@ -251,38 +323,39 @@ struct Coat {
 };
 
 inline Coat make_coat(const Microfacets& d, float eta) {
-  return {d, eta, smooth(d), cubic(index_coordinate(eta), kIndices), alpha_place(mean_alpha(d))};
+  return {d, eta, smooth(d), cubic(index_coordinate(eta), kIndices), alpha_place(d.alpha_u)};
 }
 
-// Shares of the light from w, in single bounces.
-struct CoatAlbedo {
-  float reflected, refracted;
-};
-
-inline CoatAlbedo coat_albedo(const Coat& c, Vec3 w) {
-  const float share = fresnel_dielectric(min(abs(w.z), 1.0f), c.eta).reflected;
-  if (c.smooth) return {share, 1.0f - share};
+inline Bounces coat_albedo(const Coat& c, Vec3 w) {
+  const float z = min(abs(w.z), 1.0f), alpha = c.facets.alpha_u;
+  if (c.smooth) {
+    const float share = fresnel_dielectric(z, c.eta).reflected;
+    return {share, 1.0f - share};
+  }
+  if (!isotropic(c.facets)) return count_bounces(c.facets, {w.x, w.y, z}, c.eta, false);
+  const float share =
+      fresnel_dielectric(sqrt(z * z + alpha * alpha * (1.0f - z * z)), c.eta).reflected;
   const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kAlphas * kCoatAngles;
-  const Cubic x = cubic(angle_coordinate(w.z, mean_alpha(c.facets)), kCoatAngles);
+  const Cubic x = cubic(angle_coordinate(z, alpha), kCoatAngles);
   const auto less = [&](const auto* table) {
-    return grid(table + first, c.index, c.alpha, x, kCoatAngles);
+    return grid(table + first, kAlphas * kCoatAngles, c.index, kCoatAngles, c.alpha, x);
   };
   return {clamp(share - less(kCoatReflected), 0.0f, 1.0f),
           clamp(1.0f - share - less(kCoatRefracted), 0.0f, 1.0f)};
 }
 
-// The mean of what is reflected over diffuse light from outside.
+// The means over diffuse light, of isotropic coats: of what is reflected of light from outside,
 inline float coat_mean(const Coat& c) {
   const float share = grid(kSmoothMean, cubic(index_coordinate(c.eta), kFineIndices));
   if (c.smooth) return share;
   const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kAlphas;
-  return share - grid(kCoatMean + first, c.index, c.alpha, kAlphas);
+  return share - grid(kCoatMean + first, kAlphas, c.index, c.alpha);
 }
 
-// And over diffuse light from within, in single bounces.
+// and of light from within, in single bounces.
 inline float coat_mean_within(const Coat& c) {
   const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kAlphas;
-  return grid(kCoatWithin + first, c.index, c.alpha, kAlphas);
+  return grid(kCoatWithin + first, kAlphas, c.index, c.alpha);
 }
 
 }  // namespace parhelion::PH_ISA

@@ -35,13 +35,18 @@ PH_INLINE float exp_reduced(float r) {
   return 1.0f + (r + r * r * p);
 }
 
-PH_INLINE float exp(float x) {
-  if (x > 88.8f) return kInfinity;
-  if (!(x > -104.0f)) return x == x ? 0.0f : x;
+// Without branches, for x in [-104, 88.8].
+PH_INLINE float exp_within(float x) {
   const int n = round_to_int(x * kLog2E);
   const float m = static_cast<float>(n);
   // ln 2 in two parts, the first of so few bits that its product with n is exact
   return scale_by_power(exp_reduced((x - m * 0.693359375f) + m * 2.12194440e-4f), n);
+}
+
+PH_INLINE float exp(float x) {
+  if (x > 88.8f) return kInfinity;
+  if (!(x > -104.0f)) return x == x ? 0.0f : x;
+  return exp_within(x);
 }
 
 PH_INLINE float exp2(float x) {
@@ -157,25 +162,38 @@ PH_INLINE float acos(float x) {
   return x < 0.0f ? kPi - angle : angle;
 }
 
-// Beyond 1, 1 - erfc, whose logarithm is smooth.
+// erf of x in [-1, 1].
+PH_INLINE float erf_reduced(float x) {
+  const float q = x * x;
+  return x * (1.128379107f +
+              q * (-0.3761232495f +
+                   q * (0.1128017977f +
+                        q * (-2.671131119e-2f + q * (4.917550832e-3f - q * 5.631418899e-4f)))));
+}
+
+// -ln(1 - erf(a)), which is smooth, for a in [1, 4].
+PH_INLINE float erfc_exponent(float a) {
+  return 3.415125830e-4f +
+         a * (1.127089262f +
+              a * (0.6381447315f +
+                   a * (0.1031068191f +
+                        a * (-2.183809690e-2f + a * (2.947666682e-3f - a * 1.863800862e-4f)))));
+}
+
 PH_INLINE float erf(float x) {
   const float a = abs(x);
-  if (a <= 1.0f) {
-    const float q = x * x;
-    return x * (1.128379107f +
-                q * (-0.3761232495f +
-                     q * (0.1128017977f +
-                          q * (-2.671131119e-2f + q * (4.917550832e-3f - q * 5.631418899e-4f)))));
-  }
+  if (a <= 1.0f) return erf_reduced(x);
   if (x != x) return x;
   if (a >= 4.0f) return copysign(1.0f, x);  // to half a unit in the last place
-  const float p =
-      3.415125830e-4f +
-      a * (1.127089262f +
-           a * (0.6381447315f +
-                a * (0.1031068191f +
-                     a * (-2.183809690e-2f + a * (2.947666682e-3f - a * 1.863800862e-4f)))));
-  return copysign(1.0f - exp(-p), x);
+  return copysign(1.0f - exp(-erfc_exponent(a)), x);
+}
+
+// Without branches, for a in [0, 4], to 2e-7: what lies below 1 and what lies beyond, which is
+// 1 - erf(1) less 1 - erf(a). Even minima would become branches.
+PH_INLINE float erf_within(float a) {
+  const float sum = a + 1.0f, gap = abs(a - 1.0f);
+  const float low = 0.5f * (sum - gap), high = 0.5f * (sum + gap);  // of a and 1
+  return erf_reduced(low) + (0.157299207f - exp_within(-erfc_exponent(high)));
 }
 
 // The x whose erf is y, for y in (-1, 1); infinite at the ends. Relative error below 6e-7.

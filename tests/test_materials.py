@@ -43,13 +43,18 @@ ALSO: list[tuple[str, dict[str, Any]]] = [
         for name in ("conductor", "dielectric", "plastic")
         for kind in ("ggx", "beckmann")
     ),
-    ("conductor", {"roughness": 0.5, "anisotropy": 0.7, "distribution": "beckmann"}),
+    *(
+        (name, {"roughness": rough, "anisotropy": bend, "distribution": kind})
+        for name in ("conductor", "dielectric")
+        for rough, bend, kind in ((0.7, -0.5, "ggx"), (0.5, 0.7, "beckmann"))
+    ),
     ("dielectric", {"roughness": 0.4, "ior": 1.05}),
     ("dielectric", {"roughness": 0.4, "ior": 1 / 1.5}),
     ("dielectric", {"roughness": 0.6, "ior": 2.4, "distribution": "beckmann"}),
     ("plastic", {"roughness": 0.4, "ior": 1.05}),
     ("principled", {"transmission": 1.0, "roughness": 0.3}),
     ("principled", {"metallic": 1.0, "anisotropy": 0.5, "anisotropy_rotation": 30.0}),
+    ("principled", {"transmission": 1.0, "anisotropy": 0.5, "anisotropy_rotation": 30.0}),
     (
         "principled",
         {
@@ -124,9 +129,7 @@ def index_ratio(name: str, params: Mapping[str, Any], wo: np.ndarray, wi: np.nda
 def gives_back(name: str, params: Mapping[str, Any]) -> bool:
     """Whether, white, it scatters all light: bounces that single-bounce models leave out count."""
     rough = params.get("roughness", 0.5 if name == "principled" else 0.0) > 0
-    if name == "emissive":
-        return False
-    if rough and (params.get("compensation") == "off" or params.get("anisotropy", 0.0) != 0):
+    if name == "emissive" or (rough and params.get("compensation") == "off"):
         return False
     return not ("iridescence" in params and params.get("metallic", 0.0) > 0)
 
@@ -134,6 +137,12 @@ def gives_back(name: str, params: Mapping[str, Any]) -> bool:
 @by_variant
 def test_samples_follow_their_density(name: str, params: dict[str, Any]) -> None:
     material = white(name, params)
+    single = material
+    if name in (
+        "conductor",
+        "dielectric",
+    ):  # their densities are the same without, and sooner found
+        single = white(name, {**params, "compensation": "off"})
     # where variants are many and densities dear, fewer directions
     count_of = {"principled": 2, "dielectric": 3, "plastic": 3, "conductor": 3}
     for i, wo in enumerate(OUTGOING[1 : 1 + count_of[name]] if name in count_of else OUTGOING):
@@ -171,7 +180,7 @@ def test_samples_follow_their_density(name: str, params: dict[str, Any]) -> None
 
             def pdf(v: np.ndarray, wo=wo, side=side, share=share) -> np.ndarray:
                 here = v[:, 2] * side > 0
-                return _core.bsdf_eval(material, wo, v)[1] * here / share
+                return _core.bsdf_eval(single, wo, v)[1] * here / share
 
             # the share is itself a count
             slack = 0.01 + 4 * np.sqrt((1 - share) / len(w))
@@ -187,25 +196,43 @@ def test_a_wrong_density_is_found() -> None:
     assert direction_chi_square(wi, lambda v: _core.bsdf_eval(other, wo, v)[1], axis) < 1e-6
 
 
-@by_variant
-def test_white_loses_and_gains_nothing(name: str, params: dict[str, Any]) -> None:
-    """The albedo, from any side: 1 where all is scattered, never more; here within noise."""
-    material = white(name, params)
-    for i, wo in enumerate(OUTGOING):
-        wi, weight, density, _ = _core.bsdf_sample(material, wo, 30 + i, 60_000)
+def share_scattered(material: Block, wo: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """The albedo by Sobol' points, and five times its standard error, (3,) each.
+
+    The points err far less than the weights scatter, so the error is that of independent runs.
+    """
+    runs = []
+    for k in range(16):
+        wi, weight, density, _ = _core.bsdf_sample(material, wo, 16 * seed + k, 1024, "sobol")
         assert np.all(np.isfinite(wi))
         assert np.all(np.isfinite(weight))
         assert np.all(np.isfinite(density))
         assert np.all(weight >= 0)
-        albedo = weight.mean(axis=0)
-        noise = 4 * weight.std(axis=0) / np.sqrt(len(weight))
-        assert np.all(albedo <= 1 + 1e-3 + noise), wo
+        runs.append(weight.mean(axis=0))
+    return np.mean(runs, axis=0), 5 * np.std(runs, axis=0, ddof=1) / np.sqrt(len(runs))
+
+
+# What the albedo of white may differ from 1 by, for others 1e-3; see docs/materials.md.
+ROOM = {"conductor": 2e-3, "dielectric": 4e-3, "plastic": 2e-3, "principled": 4e-3}
+ROOM_OF_STRETCHED_GLASS = 1.5e-2  # whose albedo is a quadrature
+
+
+def room_of(name: str, params: Mapping[str, Any]) -> float:
+    glass = name == "dielectric" or params.get("transmission", 0.0) > 0
+    if glass and params.get("anisotropy", 0.0) != 0:
+        return ROOM_OF_STRETCHED_GLASS
+    return ROOM.get(name, 1e-3)
+
+
+@by_variant
+def test_white_loses_and_gains_nothing(name: str, params: dict[str, Any]) -> None:
+    """The albedo, from any side: 1 where all is scattered, never more."""
+    material, room = white(name, params), room_of(name, params)
+    for i, wo in enumerate(OUTGOING):
+        share, noise = share_scattered(material, wo, 30 + i)
+        assert np.all(share <= 1 + room + noise), wo
         if gives_back(name, params):
-            assert np.all(albedo > 1 - ROOM.get(name, 1e-3) - noise), wo
-
-
-# What interpolated tables and layers may lose; rough glass from within is the hardest.
-ROOM = {"dielectric": 8e-3, "principled": 1e-2, "plastic": 3e-3, "diffuse": 1e-3}
+            assert np.all(share > 1 - room - noise), wo
 
 
 def albedo(material: Block, wo: np.ndarray, name: str, params: Mapping[str, Any]) -> float:
@@ -227,26 +254,45 @@ def albedo(material: Block, wo: np.ndarray, name: str, params: Mapping[str, Any]
 
 
 @pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
-@pytest.mark.parametrize("roughness", [0.6, 0.8, 1.0])
-@pytest.mark.parametrize(
-    ("name", "params", "room"),
-    [
-        ("conductor", {}, 1.2e-3),
-        ("plastic", {"ior": 1.3}, 1e-3),
-        ("plastic", {"ior": 1.49}, 1e-3),
-        ("plastic", {"ior": 2.0}, 1e-3),
-        ("dielectric", {"ior": 2.4}, 4e-3),
-    ],
-)
+@pytest.mark.parametrize("anisotropy", [0.0, 0.5])
+def test_values_of_rough_metal_add_up(anisotropy: float, distribution: str) -> None:
+    params = {"roughness": 0.8, "anisotropy": anisotropy, "distribution": distribution}
+    material = white("conductor", params)
+    for wo in OUTGOING[:2]:
+        assert abs(albedo(material, wo, "conductor", params) - 1) < 1.5e-3, wo
+
+
+BENT = (-0.9, 0.9)
+DRAWN: list[tuple[str, dict[str, tuple[float, float]], dict[str, str]]] = [
+    ("principled", {"ior": (1.1, 2.5), "anisotropy": BENT}, {}),
+    ("principled", {"metallic": (1.0, 1.0), "anisotropy": BENT}, {}),
+    *(
+        (name, ranges, {"distribution": kind})
+        for kind in ("ggx", "beckmann")
+        for name, ranges in (
+            ("conductor", {}),
+            ("conductor", {"anisotropy": BENT}),
+            ("plastic", {"ior": (1.1, 2.5)}),
+            ("dielectric", {"ior": (1.1, 2.5)}),
+            ("dielectric", {"ior": (1.1, 2.5), "anisotropy": BENT}),
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "ranges", "choice"), DRAWN, ids=str)
 def test_rough_white_is_white(
-    name: str, params: dict[str, float], room: float, roughness: float, distribution: str
+    name: str, ranges: dict[str, tuple[float, float]], choice: dict[str, str]
 ) -> None:
-    params = {**params, "roughness": roughness, "distribution": distribution}
-    material = white(name, params)
-    for cosine in (0.25, 0.5, 0.75, 0.97):
-        wo = np.array([np.sqrt(1 - cosine**2), 0, cosine])
-        total = albedo(material, wo, name, params)
-        assert abs(total - 1) < room, (cosine, total)
+    """At roughnesses, angles and other parameters at which no table has a node."""
+    rng = np.random.default_rng(8)
+    for k in range(24):
+        params: dict[str, Any] = {p: rng.uniform(*ends) for p, ends in ranges.items()} | choice
+        params["roughness"] = rng.uniform(0.05, 1)
+        z, turn = rng.uniform(0.02, 1) * (-1) ** k, rng.uniform(0, 2 * np.pi)
+        wo = np.array([np.cos(turn) * np.sqrt(1 - z * z), np.sin(turn) * np.sqrt(1 - z * z), z])
+        share, noise = share_scattered(white(name, params), wo, 90 + k)
+        assert np.all(np.abs(share - 1) < room_of(name, params) + noise), (params, wo)
 
 
 # Materials whose colour is a factor of all that they scatter.
@@ -472,12 +518,12 @@ def furnace(*shapes: ph.Spheres, roulette: bool, vfov: float = 19.0, seed: int =
 @by_variant
 def test_white_furnace(name: str, params: dict[str, Any]) -> None:
     sphere = ph.Spheres([[0, 0, 0]], 1.0, white_material(name, params))
-    pixels = furnace(sphere, roulette=True)
+    pixels, room = furnace(sphere, roulette=True), room_of(name, params)
     assert np.all(np.isfinite(pixels))
     noise = 4 * pixels.std() / np.sqrt(pixels.size / 3)
-    assert pixels.mean() < 1 + 1e-3 + noise
+    assert pixels.mean() < 1 + room + noise
     if gives_back(name, params) or name == "emissive":
-        assert pixels.mean() > 1 - ROOM.get(name, 1e-3) - noise
+        assert pixels.mean() > 1 - room - noise
 
 
 @pytest.mark.parametrize("roulette", [False, True])

@@ -39,14 +39,14 @@ PH_INLINE bool smooth(const Dielectric& m, const Microfacets& d) {
 
 PH_INLINE bool is_delta(const Dielectric& m) { return smooth(m, microfacets(m)); }
 
-struct DielectricValue {
-  Vec3 value;  // f |cos|, of radiance
+// Before masking: density, and what it is tinted by as radiance.
+struct DielectricLobe {
+  Vec3 tint;
   float pdf;
 };
 
 // wo above the surface; eta is the index of the side below over that above.
-inline DielectricValue evaluate(const Dielectric& m, const Microfacets& d, float eta, Vec3 wo,
-                                Vec3 wi) {
+inline DielectricLobe lobe(const Dielectric& m, const Microfacets& d, float eta, Vec3 wo, Vec3 wi) {
   const bool reflects = wi.z > 0.0f;
   if (!(wo.z > 0.0f) || wi.z == 0.0f) return {{0, 0, 0}, 0.0f};
   // Each half vector is the normal of the facet that takes wo to wi.
@@ -57,31 +57,46 @@ inline DielectricValue evaluate(const Dielectric& m, const Microfacets& d, float
   if (!(facing > 0.0f) || (beyond > 0.0f) != reflects) return {{0, 0, 0}, 0.0f};
   const float share = fresnel_dielectric(min(facing, 1.0f), eta).reflected;
   const float density = visible_density(d, wo, half);
-  const bool all = m.compensation < 0.5f;
-  float left = shadowing(d, wo, wi, all);
-  if (all) left /= glass_albedo(d, wo, eta);
-  if (reflects) {
-    const float p = share * density / (4.0f * facing);
-    return {m.color * m.reflectance * (p * left), p};
-  }
+  if (reflects) return {m.color * m.reflectance, share * density / (4.0f * facing)};
   // Walter et al. 2007, equation 17; radiance is squeezed into a narrower cone where the index is
   // higher (Veach 1997, 5.2).
   const float root = facing + eta * beyond;
-  const float p = (1.0f - share) * density * eta * eta * abs(beyond) / (root * root);
-  return {m.color * m.transmittance * (p * left / (eta * eta)), p};
+  return {m.color * m.transmittance * (1.0f / (eta * eta)),
+          (1.0f - share) * density * eta * eta * abs(beyond) / (root * root)};
 }
 
-inline DielectricValue evaluate(const Dielectric& m, Vec3 wo, Vec3 wi) {
+struct DielectricValue {
+  Vec3 value;  // f |cos|, of radiance
+  float pdf;
+};
+
+inline DielectricValue evaluate(const Dielectric& m, const Microfacets& d, float eta, Vec3 wo,
+                                Vec3 wi) {
+  const DielectricLobe f = lobe(m, d, eta, wo, wi);
+  if (!(f.pdf > 0.0f)) return {{0, 0, 0}, 0.0f};
+  const bool all = m.compensation < 0.5f;
+  float left = shadowing(d, wo, wi, all);
+  if (all) left /= glass_albedo(d, wo, eta);
+  return {f.tint * (f.pdf * left), f.pdf};
+}
+
+inline Vec3 eval(const Dielectric& m, Vec3 wo, Vec3 wi) {
   const Microfacets d = microfacets(m);
-  if (smooth(m, d)) return {{0, 0, 0}, 0.0f};
+  if (smooth(m, d)) return {0, 0, 0};
   const float side = copysign(1.0f, wo.z);
   wo.z *= side;
   wi.z *= side;
-  return evaluate(m, d, side > 0.0f ? m.ior : 1.0f / m.ior, wo, wi);
+  return evaluate(m, d, side > 0.0f ? m.ior : 1.0f / m.ior, wo, wi).value;
 }
 
-inline Vec3 eval(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
-inline float pdf(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
+inline float pdf(const Dielectric& m, Vec3 wo, Vec3 wi) {
+  const Microfacets d = microfacets(m);
+  if (smooth(m, d)) return 0.0f;
+  const float side = copysign(1.0f, wo.z);
+  wo.z *= side;
+  wi.z *= side;
+  return lobe(m, d, side > 0.0f ? m.ior : 1.0f / m.ior, wo, wi).pdf;
+}
 
 inline bool sample(const Dielectric& m, Vec3 wo, const Sampler& sampler, u32 draw,
                    BsdfSample& out) {

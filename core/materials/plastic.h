@@ -42,7 +42,7 @@ PH_INLINE Coat coat(const Plastic& m) {
 }
 
 // Chance that a sample goes to the coat, given what it does with the light.
-PH_INLINE float coat_chance(const Plastic& m, CoatAlbedo of) {
+PH_INLINE float coat_chance(const Plastic& m, Bounces of) {
   const float through = m.compensation < 0.5f ? 1.0f - of.reflected : of.refracted;
   const float a = (1.0f - through) * mean(m.specular), b = through * mean(m.color);
   return a + b > 0.0f ? a / (a + b) : 1.0f;
@@ -55,7 +55,7 @@ struct PlasticValue {
 
 // Both directions above the surface.
 inline PlasticValue evaluate(const Plastic& m, const Coat& c, Vec3 wo, Vec3 wi) {
-  const CoatAlbedo o = coat_albedo(c, wo), i = coat_albedo(c, wi);
+  const Bounces o = coat_albedo(c, wo), i = coat_albedo(c, wi);
   const float chance = coat_chance(m, o);
   float through = (1.0f - o.reflected) * (1.0f - i.reflected);
   float inside = 1.0f - (1.0f - coat_mean(c)) / (m.ior * m.ior);
@@ -91,7 +91,7 @@ inline float pdf(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi
 inline bool sample(const Plastic& m, Vec3 wo, const Sampler& sampler, u32 draw, BsdfSample& out) {
   const Coat c = coat(m);
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  const CoatAlbedo of = coat_albedo(c, above);
+  const Bounces of = coat_albedo(c, above);
   const float chance = coat_chance(m, of);
   const Vec2 u = draw2(sampler, draw + kDrawDirection);
   if (draw1(sampler, draw + kDrawLobe) < chance) {

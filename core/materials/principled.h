@@ -73,7 +73,7 @@ PH_INLINE float sheen_value(float alpha, Vec3 wo, Vec3 wi) {
 
 PH_INLINE float sheen_albedo(float alpha, Vec3 wo) {
   const float y = (alpha - kLeastSheenAlpha) / (1.0f - kLeastSheenAlpha);
-  return grid(kSheenAlbedo, cubic(y, kSheenAlphas), cubic(sqrt(wo.z), kSheenAngles), kSheenAngles);
+  return grid(kSheenAlbedo, kSheenAngles, cubic(y, kSheenAlphas), cubic(sqrt(wo.z), kSheenAngles));
 }
 
 // --- Thin film --------------------------------------------------------------------------------
@@ -201,7 +201,8 @@ inline Layers layers(const Principled& m, Vec3 world_wo) {
   const float bare = 1.0f - m.iridescence;
   // The body is matte from behind too.
   const float gloss_eta = max(ior, 1.0f / ior);
-  const float gloss_share = coat_albedo(make_coat(l.facets, gloss_eta), l.wo).reflected;
+  const float gloss_share =
+      dull > 0.0f ? coat_albedo(make_coat(l.facets, gloss_eta), l.wo).reflected : 0.0f;
   Vec3 on_metal = {0, 0, 0}, on_other = {0, 0, 0};
   if (m.iridescence > 0.0f) {
     on_metal = film_albedo(l.wo.z, m.iridescence_ior, m.iridescence_thickness,

@@ -7,43 +7,54 @@ Metal. A symmetric positive kernel has a unique positive scaling c with
 
     c(o) * integral of kernel(o, i) c(i) di = 1   for every direction o
 
-(Sinkhorn and Knopp 1967), so f(o, i) c(o) c(i) is reciprocal and loses nothing. The table holds
-1 / c, which is smoother.
+(Sinkhorn and Knopp 1967), so f(o, i) c(o) c(i) is reciprocal and loses nothing. The tables hold
+1 / c, which is smoother; one is for surfaces whose slopes differ along and across.
 
 Glass. Reflection and refraction together; the tables hold the albedo E(o), by which the single
 bounce is divided (E. Turquin, "Practical multiple scattering compensation for microfacet models",
 2019). A symmetric scaling exists but is of no use: where the indices are close, it makes the two
-sides differ by large factors. On the dense side a kink lies at the critical angle; its table has
-one half of the nodes below that angle's cosine, and one above.
+sides differ by large factors. Of surfaces whose slopes differ along and across, the renderer
+computes E(o) by itself, from the lattice of normals.
 
 Coat. How much less a rough coat reflects and refracts, each by itself with separable masking, than
-a smooth one; the means over diffuse light from outside of what a smooth coat reflects and of how
-much less a rough one does; and the mean that is reflected from within.
+a smooth one, which is seen at a less grazing angle where roughness shows facets less grazed; the
+means over diffuse light from outside of what a smooth coat reflects and of how much less a rough
+one does; and the mean that is reflected from within.
 
 Each integral is a mean over visible normals, placed on a Fibonacci lattice; what metal reflects is
-kept as a histogram over the table's own coordinate, and interpolated as the renderer does.
+kept as a histogram over the table's own coordinates, and interpolated as the renderer does.
 
-All are interpolated by Catmull and Rom's cubics.
+All are interpolated by cubics through four nodes.
 
 Coordinates. Angles from the normal: t^2 = z (1 + 2 alpha) / (z + 2 alpha), where losses of all
-small alphas look alike. Alphas: their roots. Index: the cubic root of ln(eta) / ln(10).
+small alphas look alike; in glass a step at the critical angle, 2 alpha wide, is added. Alphas:
+their roots. Index: the cubic root of ln(eta) / ln(10). Ratio of the alphas: its root. Azimuth: the
+fourth root of the alpha that slopes have along it, from 0 at the smaller to 1 at the larger.
 """
+
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 from scipy.special import erf, erfinv
 
 ALPHAS = 20
+METAL_ALPHAS = 32
 METAL_ANGLES, OUTER_ANGLES, INNER_ANGLES, COAT_ANGLES = 24, 24, 32, 24
-INDICES = 16  # from 1 to 10
+INDICES, INNER_INDICES = 20, 32  # from 1 to 10
 FINE_INDICES = 64
+# Of surfaces whose slopes differ: larger alphas, ratios of the smaller to it, azimuths, angles
+STRETCHED = 15, 11, 9, 16
+LEAST_RATIO = 1e-3
+LATTICE_NORMALS, LATTICE_STEP = 384, 173  # a step whose lattice has all its points far apart
 SHEEN_ALPHAS, SHEEN_ANGLES = 8, 32
 FILM_FIRST, FILM_STEP, FILM_WAVELENGTHS = 400, 15, 20  # nanometres
 MAX_INDEX = 10.0
 BINS = 2048
+STRETCHED_BINS = 48, 256
 UNIT = 1 << 15  # 1.0 in the tables
 
 # Interpolation errs by up to this much of the energy, so that much is given away.
-MARGIN = {"metal": 4e-4, "outer": 4e-4, "inner": 1e-3}
+MARGIN = {"metal": 4e-4, "stretched": 4e-4, "outer": 4e-4, "inner": 4e-4}
 
 DISTRIBUTIONS = ("ggx", "beckmann")
 LATTICE = 17711, 10946
@@ -57,36 +68,42 @@ def from_t(t, alpha):
     return 2 * alpha * t**2 / (1 + 2 * alpha - t**2)
 
 
-def masking(kind, alpha, z):
-    """G1 at the cosine z."""
-    z = np.abs(z)
-    slope = alpha * np.sqrt(np.maximum(1 - z * z, 0)) / np.maximum(z, 1e-9)
+def direction(z, across=0.0):
+    """The unit vector of a cosine, the sine of its azimuth given."""
+    return np.sqrt(1 - z * z) * np.array([np.sqrt(1 - across**2), across, 0]) + [0, 0, z]
+
+
+def masking(kind, alphas, w):
+    """G1 of directions (..., 3)."""
+    z = np.abs(w[..., 2])
+    slope = np.hypot(alphas[0] * w[..., 0], alphas[1] * w[..., 1]) / np.maximum(z, 1e-9)
     if kind == "ggx":
         return 2 / (1 + np.sqrt(1 + slope**2))
     a = np.minimum(1 / np.maximum(slope, 1e-9), 30.0)
     return 2 * a / (a * (1 + erf(a)) + np.exp(-a * a) / np.sqrt(np.pi))
 
 
-def visible_normals(kind, alpha, z):
-    """(N, 3) normals visible from (sqrt(1 - z^2), 0, z)."""
+def visible_normals(kind, alphas, o):
+    """(N, 3) normals visible from o."""
     i = np.arange(LATTICE[0]) + 0.5
     u, v = i / LATTICE[0], i * LATTICE[1] / LATTICE[0] % 1.0
-    sine, cosine = np.array([alpha * np.sqrt(1 - z * z), z]) / np.hypot(
-        alpha * np.sqrt(1 - z * z), z
-    )
+    s = o * [*alphas, 1]
+    s /= np.linalg.norm(s)
     if kind == "ggx":
-        height = 1 - v * (1 + cosine)
+        height = 1 - v * (1 + s[2])
         r = np.sqrt(np.maximum(1 - height**2, 0))
-        h = [r * np.cos(2 * np.pi * u) + sine, r * np.sin(2 * np.pi * u), height + cosine]
-        m = np.stack([alpha * h[0], alpha * h[1], h[2]], axis=1)
+        m = np.stack([r * np.cos(2 * np.pi * u), r * np.sin(2 * np.pi * u), height], axis=1) + s
     else:
+        sine, cosine = np.hypot(s[0], s[1]), s[2]
         cot = min(cosine / max(sine, 1e-9), 6.0)
-        q = np.linspace(-cot, 6.0, 1 << 16)
+        q = np.linspace(-cot, 6.0, 1 << 14)
         cumulative = cosine * (erf(q) + erf(cot)) / 2 + sine * (
             np.exp(-cot * cot) - np.exp(-q * q)
         ) / (2 * np.sqrt(np.pi))
-        along = np.interp(v * cumulative[-1], cumulative, q)
-        m = np.stack([alpha * along, alpha * erfinv(2 * u - 1), np.ones_like(u)], axis=1)
+        along, across = np.interp(v * cumulative[-1], cumulative, q), erfinv(2 * u - 1)
+        x, y = s[:2] / sine if sine > 0 else (1, 0)
+        m = np.stack([x * along - y * across, y * along + x * across, np.ones_like(u)], axis=1)
+    m *= [*alphas, 1]
     return m / np.linalg.norm(m, axis=1, keepdims=True)
 
 
@@ -102,60 +119,41 @@ def fresnel(cosine, eta):
 class Rows:
     """What comes of light from one direction, given the visible normals."""
 
-    def __init__(self, kind, alpha, z):
-        self.kind, self.alpha, self.z = kind, alpha, z
-        self.m = visible_normals(kind, alpha, z)
-        self.facing = self.m[:, 0] * np.sqrt(1 - z * z) + self.m[:, 2] * z
-        self.facing = np.maximum(self.facing, 1e-9)  # which rounding makes 0
-        self.mirrored = 2 * self.facing * self.m[:, 2] - z
+    def __init__(self, kind, alphas, o):
+        self.kind, self.alphas, self.o = kind, alphas, o
+        self.m = visible_normals(kind, alphas, o)
+        self.facing = np.maximum(self.m @ o, 1e-9)  # which rounding makes 0
+        self.mirrored = 2 * self.facing[:, None] * self.m - o
 
-    def shadowing(self, z, correlated=True):
-        """G2(o, i) / G1(o); 0 below the surface."""
-        i = masking(self.kind, self.alpha, z)
-        o = masking(self.kind, self.alpha, self.z) if correlated else 1.0
-        return np.where(z > 0, i / (o + i - o * i), 0.0)
+    def shadowing(self, w, correlated=True, side=1):
+        """G2(o, w) / G1(o); 0 on the other side of the surface."""
+        i = masking(self.kind, self.alphas, w)
+        o = masking(self.kind, self.alphas, self.o) if correlated else 1.0
+        return np.where(w[:, 2] * side > 0, i / (o + i - o * i), 0.0)
 
-    def histogram(self):
-        """Of what a white metal reflects, over t."""
-        place = to_t(np.clip(self.mirrored, 0, 1), self.alpha) * BINS
-        bins = np.minimum(place.astype(int), BINS - 1)
-        return np.bincount(bins, self.shadowing(self.mirrored) / len(bins), BINS)
+    def reflected(self, correlated=True):
+        """Of mirrors that reflect everything, by normal."""
+        return self.shadowing(self.mirrored, correlated)
 
-    def glass(self, eta):
-        """Share reflected or refracted, eta being the far index over the near one."""
+    def bounces(self, eta, correlated=True):
+        """(share reflected, share refracted), eta being the far index over the near one."""
         share, cos_t = fresnel(self.facing, eta)
-        down = (self.z - self.facing * self.m[:, 2]) / eta + cos_t * self.m[:, 2]
-        return np.mean(share * self.shadowing(self.mirrored) + (1 - share) * self.shadowing(down))
-
-    def coat(self, eta):
-        """(share reflected, share refracted), masking separable."""
-        share, cos_t = fresnel(self.facing, eta)
-        down = (self.z - self.facing * self.m[:, 2]) / eta + cos_t * self.m[:, 2]
+        down = (self.facing / eta - cos_t)[:, None] * self.m - self.o / eta
         return (
-            np.mean(share * self.shadowing(self.mirrored, correlated=False)),
-            np.mean((1 - share) * self.shadowing(down, correlated=False)),
+            np.mean(share * self.reflected(correlated)),
+            np.mean((1 - share) * self.shadowing(down, correlated, -1)),
         )
 
 
-def interpolation(count):
-    """(BINS, count): what an interpolated table has in the middle of each bin."""
-    x = (np.arange(BINS) + 0.5) / BINS * (count - 1)
-    k = np.minimum(x.astype(int), count - 2)
-    f = x - k
-    weights = [
-        (-f + 2 * f**2 - f**3) / 2,
-        (2 - 5 * f**2 + 3 * f**3) / 2,
-        (f + 4 * f**2 - 3 * f**3) / 2,
-        (f**3 - f**2) / 2,
-    ]
-    matrix = np.zeros((BINS, count + 2))  # with a node beyond each end, which continues the slope
-    for i, weight in enumerate(weights):
-        matrix[np.arange(BINS), k + i] = weight
-    matrix[:, 1] += 2 * matrix[:, 0]
-    matrix[:, 2] -= matrix[:, 0]
-    matrix[:, -2] += 2 * matrix[:, -1]
-    matrix[:, -3] -= matrix[:, -1]
-    return matrix[:, 1:-1]
+def interpolation(count, bins):
+    """(bins, count): what an interpolated table has in the middle of each bin."""
+    x = (np.arange(bins) + 0.5) / bins * (count - 1)
+    k = np.clip(x.astype(int) - 1, 0, count - 4)
+    matrix = np.zeros((bins, count))
+    for i in range(4):
+        weight = [(x - k - j) / (i - j) for j in range(4) if j != i]
+        matrix[np.arange(bins), k + i] = np.prod(weight, axis=0)
+    return matrix
 
 
 def scaling(kernel, values, steps=200):
@@ -166,8 +164,8 @@ def scaling(kernel, values, steps=200):
     return e
 
 
-def alphas():
-    return np.maximum(np.linspace(0, 1, ALPHAS) ** 2, 1e-4)
+def alphas(count=ALPHAS):
+    return np.maximum(np.linspace(0, 1, count) ** 2, 1e-4)
 
 
 def angle_nodes(count, alpha):
@@ -175,14 +173,57 @@ def angle_nodes(count, alpha):
 
 
 def metal_table(kind):
-    values = interpolation(METAL_ANGLES)
-    table = [
-        scaling(
-            np.array([Rows(kind, a, z).histogram() for z in angle_nodes(METAL_ANGLES, a)]), values
-        )
-        for a in alphas()
-    ]
+    values = interpolation(METAL_ANGLES, BINS)
+    table = []
+    for alpha in alphas(METAL_ALPHAS):
+        kernel = []
+        for z in angle_nodes(METAL_ANGLES, alpha):
+            rows = Rows(kind, (alpha, alpha), direction(z))
+            places = to_t(np.clip(rows.mirrored[:, 2], 0, 1), alpha) * BINS
+            kernel.append(histogram(places.astype(int), rows.reflected(), BINS))
+        table.append(scaling(np.array(kernel), values))
     return np.array(table) * np.sqrt(1 + MARGIN["metal"])
+
+
+def histogram(places, shares, bins):
+    return np.bincount(np.minimum(places, bins - 1), shares, bins) / len(places)
+
+
+def stretched_table(kind):
+    """Of surfaces of slopes that differ (larger alpha, ratio, azimuth, angle)."""
+    count_a, count_r, count_w, count_t = STRETCHED
+    bins_w, bins_t = STRETCHED_BINS
+    values = np.kron(interpolation(count_w, bins_w), interpolation(count_t, bins_t))
+    table = np.zeros(STRETCHED)
+    for i, u in enumerate(alphas(count_a)):
+        for j, ratio in enumerate(np.maximum(np.linspace(0, 1, count_r) ** 2, LEAST_RATIO)):
+            v = min(ratio, 1 - 1e-4) * u
+            low, high = v**0.25, u**0.25
+            kernel = []
+            for w in np.linspace(0, 1, count_w):
+                along = (low + w * (high - low)) ** 4
+                across = np.sqrt(np.clip((u**2 - along**2) / (u**2 - v**2), 0, 1))
+                for z in angle_nodes(count_t, along):
+                    rows = Rows(kind, (u, v), direction(z, across))
+                    x, y, height = rows.mirrored.T
+                    flat = np.maximum(np.hypot(x, y), 1e-12)
+                    slope = np.hypot(u * x / flat, v * y / flat)
+                    at_w = np.clip((slope**0.25 - low) / (high - low), 0, 1 - 1e-9) * bins_w
+                    at_t = to_t(np.clip(height, 0, 1), slope) * bins_t
+                    places = at_w.astype(int) * bins_t + np.minimum(at_t.astype(int), bins_t - 1)
+                    kernel.append(histogram(places, rows.reflected(), bins_w * bins_t))
+            table[i, j] = scaling(np.array(kernel), values).reshape(count_w, count_t)
+    return table * np.sqrt(1 + MARGIN["stretched"])
+
+
+def normal_lattice():
+    """(4, LATTICE_NORMALS): cosine and sine of an azimuth, a uniform number, and the slope that a
+    Beckmann surface of alpha 1 exceeds with that probability.
+    """
+    i = np.arange(LATTICE_NORMALS)
+    turns = (i + 0.5) / LATTICE_NORMALS * 2 * np.pi
+    v = (i * LATTICE_STEP % LATTICE_NORMALS + 0.5) / LATTICE_NORMALS
+    return np.stack([np.cos(turns), np.sin(turns), v, np.sqrt(-np.log(v))])
 
 
 def indices(count=INDICES):
@@ -192,28 +233,35 @@ def indices(count=INDICES):
 def inner_nodes(alpha, eta):
     """Cosines on the dense side; eta < 1."""
     critical = np.sqrt(1 - eta**2)
-    # Below: from grazing, where x is t, to the critical angle, where 1 - x is that of the distance
-    share = np.sin(np.linspace(0, np.pi / 2, 8192) ** 2 / (np.pi / 2))
-    rising, falling = to_t(share * critical, alpha), to_t(np.sqrt(1 - share**2), alpha)
-    x = rising / (rising + falling)
-    below = critical * np.interp(np.linspace(0, 1, INNER_ANGLES), x, share)
-    # Above: t of the refracted direction
-    refracted = angle_nodes(INNER_ANGLES, alpha)
-    above = np.sqrt(1 - eta**2 * (1 - refracted**2))
-    return np.clip(np.concatenate([below, above]), 1e-6, 1)
+
+    def step(z):
+        return (z - critical) / np.hypot(z - critical, 2 * alpha)
+
+    fine = np.linspace(0, 1, 8192)
+    near = 2 * alpha * np.tan(fine[:-1] * np.pi / 2)
+    z = np.concatenate([fine, from_t(fine, alpha), critical + near, critical - near])
+    z = np.unique(np.clip(z, 0, 1))
+    x = (to_t(z, alpha) + step(z) - step(0)) / (1 + step(1) - step(0))
+    return np.clip(np.interp(np.linspace(0, 1, INNER_ANGLES), x, z), 1e-6, 1)
 
 
 def glass_tables(kind):
-    """(INDICES, alphas, angles) of the thin side and (INDICES, alphas, 2 angles) of the dense."""
+    """Albedos (indices, alphas, angles) of the thin side, and of the dense side."""
     outer = np.zeros((INDICES, ALPHAS, OUTER_ANGLES))
-    inner = np.zeros((INDICES, ALPHAS, 2 * INNER_ANGLES))
-    etas = np.maximum(indices(), 1 + 1e-5)  # the limit; 1 itself would have no dense side
+    inner = np.zeros((INNER_INDICES, ALPHAS, INNER_ANGLES))
+    # 1 + 1e-5 stands for the limit; 1 itself would have no dense side
+    outer_etas, inner_etas = (
+        np.maximum(indices(), 1 + 1e-5),
+        np.maximum(indices(INNER_INDICES), 1 + 1e-5),
+    )
     for k, alpha in enumerate(alphas()):
         for j, z in enumerate(angle_nodes(OUTER_ANGLES, alpha)):
-            rows = Rows(kind, alpha, z)
-            outer[:, k, j] = [rows.glass(eta) for eta in etas]
-        for i, eta in enumerate(etas):
-            inner[i, k] = [Rows(kind, alpha, z).glass(1 / eta) for z in inner_nodes(alpha, 1 / eta)]
+            rows = Rows(kind, (alpha, alpha), direction(z))
+            outer[:, k, j] = [sum(rows.bounces(eta)) for eta in outer_etas]
+        for i, eta in enumerate(inner_etas):
+            for j, z in enumerate(inner_nodes(alpha, 1 / eta)):
+                rows = Rows(kind, (alpha, alpha), direction(z))
+                inner[i, k, j] = sum(rows.bounces(1 / eta))
     return outer * (1 + MARGIN["outer"]), inner * (1 + MARGIN["inner"])
 
 
@@ -224,20 +272,26 @@ def coat_tables(kind):
     less = np.zeros((2, INDICES, ALPHAS, COAT_ANGLES))
     mean, within = np.zeros((2, INDICES, ALPHAS))
     places = np.linspace(0, 1, BINS + 1)
-    values = interpolation(COAT_ANGLES)
+    values = interpolation(COAT_ANGLES, BINS)
     inner_z = np.linspace(0, 1, 64)  # both ends whole: the quadrature of Mitsuba's roughplastic
     for k, alpha in enumerate(alphas()):
+
+        def smooth(z, eta, alpha=alpha):
+            return fresnel(np.hypot(z, alpha * np.sqrt(1 - z * z)), eta)[0]
+
         weight = np.diff(from_t(places, alpha) ** 2)
-        inner = [Rows(kind, alpha, max(x, 1e-6)) for x in inner_z]
+        middle = from_t((places[1:] + places[:-1]) / 2, alpha)
+        inner = [Rows(kind, (alpha, alpha), direction(max(x, 1e-6))) for x in inner_z]
         for j, x in enumerate(angle_nodes(COAT_ANGLES, alpha)):
-            rows = Rows(kind, alpha, x)
+            rows = Rows(kind, (alpha, alpha), direction(x))
             for i, eta in enumerate(indices()):
-                smooth = fresnel(x, eta)[0]
-                less[:, i, k, j] = np.array([smooth, 1 - smooth]) - rows.coat(eta)
+                share = smooth(x, eta)
+                less[:, i, k, j] = np.array([share, 1 - share]) - rows.bounces(eta, False)
         for i, eta in enumerate(indices()):
-            mean[i, k] = weight @ (values @ less[0, i, k])
+            extra = fresnel(middle, eta)[0] - smooth(middle, eta)
+            mean[i, k] = weight @ (extra + values @ less[0, i, k])
             within[i, k] = np.mean(
-                [2 * x * r.coat(1 / eta)[0] for x, r in zip(inner_z, inner, strict=True)]
+                [2 * x * r.bounces(1 / eta, False)[0] for x, r in zip(inner_z, inner, strict=True)]
             )
     return less, mean, within
 
@@ -305,6 +359,12 @@ def text(name, tables, comment):
     return f"// {comment}\nPH_TABLE {kind} {name}[{numbers.size}] = {{\n{body}\n}};\n"
 
 
+def floats(name, values):
+    lines = np.reshape(values, (-1, 6))
+    body = "\n".join("  " + " ".join(f"{v:.7f}f," for v in line) for line in lines)
+    return f"PH_TABLE float {name}[{np.size(values)}] = {{\n{body}\n}};\n"
+
+
 HEADER = """// Made by generate.py, which says what is in it. Numbers are in units of 2^-15.
 #pragma once
 #include "../types.h"
@@ -321,25 +381,36 @@ def main():
     print(HEADER)
     for name, value in (
         ("kAlphas", ALPHAS),
+        ("kMetalAlphas", METAL_ALPHAS),
         ("kMetalAngles", METAL_ANGLES),
         ("kOuterAngles", OUTER_ANGLES),
         ("kInnerAngles", INNER_ANGLES),
         ("kCoatAngles", COAT_ANGLES),
         ("kIndices", INDICES),
+        ("kInnerIndices", INNER_INDICES),
         ("kFineIndices", FINE_INDICES),
         ("kSheenAlphas", SHEEN_ALPHAS),
         ("kSheenAngles", SHEEN_ANGLES),
         ("kFilmWavelengths", FILM_WAVELENGTHS),
+        ("kLatticeNormals", LATTICE_NORMALS),
+        ("kStretchedAlphas", STRETCHED[0]),
+        ("kStretchedRatios", STRETCHED[1]),
+        ("kStretchedAzimuths", STRETCHED[2]),
+        ("kStretchedAngles", STRETCHED[3]),
     ):
         print(f"inline constexpr u32 {name} = {value};")
     print(f"inline constexpr float kLogMaxIndex = {np.log(MAX_INDEX):.9f}f;")
     print(f"inline constexpr float kFilmFirst = {FILM_FIRST}.0f, kFilmStep = {FILM_STEP}.0f;\n")
-    metal = [metal_table(k) for k in DISTRIBUTIONS]
-    print(text("kMetalEscape", metal, "[distribution][alpha][angle]"))
-    outer, inner = zip(*[glass_tables(k) for k in DISTRIBUTIONS], strict=True)
+    with ProcessPoolExecutor() as pool:
+        parts = metal_table, stretched_table, glass_tables, coat_tables
+        metal, stretched, glass, coat = (pool.map(part, DISTRIBUTIONS) for part in parts)
+        outer, inner = zip(*glass, strict=True)
+        less, mean, within = zip(*coat, strict=True)
+        print(text("kMetalEscape", list(metal), "[distribution][alpha][angle]"))
+        what = "[distribution][larger alpha][ratio][azimuth][angle]"
+        print(text("kStretchedEscape", list(stretched), what))
     print(text("kGlassOuter", outer, "[distribution][index][alpha][angle]"))
-    print(text("kGlassInner", inner, "[distribution][index][alpha][angle, twice as many]"))
-    less, mean, within = zip(*[coat_tables(k) for k in DISTRIBUTIONS], strict=True)
+    print(text("kGlassInner", inner, "[distribution][index][alpha][angle]"))
     what = "less {} than by a smooth coat, [distribution][index][alpha][angle]"
     print(text("kCoatReflected", [t[0] for t in less], what.format("reflected")))
     print(text("kCoatRefracted", [t[1] for t in less], what.format("refracted")))
@@ -347,11 +418,10 @@ def main():
     print(text("kCoatWithin", within, "[distribution][index][alpha]"))
     print(text("kSmoothMean", smooth_means(), "[index]"))
     print(text("kSheenAlbedo", sheen_table(), "[alpha, from 1/4][root of the cosine]"))
+    print("// [cosine, sine, uniform number, Beckmann slope][normal]")
+    print(floats("kNormalLattice", normal_lattice()))
     print("// Of the spectrum, for linear RGB, [wavelength][channel]")
-    print(f"PH_TABLE float kFilmWeights[{3 * FILM_WAVELENGTHS}] = {{")
-    for row in film_weights():
-        print("  " + " ".join(f"{v:.7f}f," for v in row))
-    print("};\n")
+    print(floats("kFilmWeights", film_weights()))
     print("}  // namespace parhelion\n// clang-format on")
 
 
