@@ -7,7 +7,7 @@
 namespace parhelion::PH_ISA {
 
 inline constexpr float kNan = __builtin_bit_cast(float, 0x7fc00000u);
-inline constexpr float kLn2 = 0.693147181f, kLog2E = 1.44269504f;
+inline constexpr float kLog2E = 1.44269504f;
 
 // The nearest whole number, halves away from 0, of a number below 2^31 in size.
 PH_INLINE int round_to_int(float x) { return static_cast<int>(x + copysign(0.5f, x)); }
@@ -47,13 +47,6 @@ PH_INLINE float exp(float x) {
   if (x > 88.8f) return kInfinity;
   if (!(x > -104.0f)) return x == x ? 0.0f : x;
   return exp_within(x);
-}
-
-PH_INLINE float exp2(float x) {
-  if (x >= 128.0f) return kInfinity;
-  if (!(x > -151.0f)) return x == x ? 0.0f : x;
-  const int n = round_to_int(x);
-  return scale_by_power(exp_reduced((x - static_cast<float>(n)) * kLn2), n);
 }
 
 // x = m 2^n with m in [sqrt(1/2), sqrt(2)), for finite x > 0.

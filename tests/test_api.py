@@ -76,6 +76,11 @@ READ_ONLY.flags.writeable = False
 
 
 MIX = ph.Texture("mix")
+WHITE, LAMP = ph.Material("diffuse", color=(1, 1, 1)), ph.Material("emissive")
+
+
+def blend(a: str | ph.Material, b: str | ph.Material) -> ph.Material:
+    return ph.Material("blend", a=a, b=b)
 
 
 def deep_texture(depth: int) -> ph.Texture:
@@ -226,6 +231,26 @@ def test_a_material_by_name_by_itself_and_by_index() -> None:
         (
             ph.Scene(materials={"a": ph.Material("diffuse", color=ph.Texture("image"))}),
             "material 'a': parameter 'color': texture: parameter 'image' is missing",
+        ),
+        (
+            ph.Scene(materials={"a": blend("b", "b"), "b": blend("a", "c"), "c": WHITE}),
+            "material 'a': is a blend of itself, by way of its parts",
+        ),
+        (
+            ph.Scene(materials={"a": blend("lamp", "c"), "lamp": LAMP, "c": WHITE}),
+            "material 'a': a shines; give the emission to the whole material",
+        ),
+        (
+            ph.Scene(materials={"a": ph.Material("diffuse", back=LAMP)}),
+            "material 'a': back shines; give the emission to the whole material",
+        ),
+        (
+            ph.Scene([ph.Spheres([[0, 0, 0]], 1, blend(WHITE, ph.Material("metal", opacity=0.5)))]),
+            "shape 'spheres': b has holes; give the opacity to the whole material",
+        ),
+        (
+            ph.Scene(materials={"a": ph.Material("diffuse", normal_map_frame="uvw")}),
+            "material 'a': unknown normal_map_frame 'uvw'; did you mean 'uv'?",
         ),
         (
             ph.Scene(materials={"a": ph.Material("diffuse", color=deep_texture(17))}),
@@ -776,3 +801,31 @@ def test_an_image_is_an_array_to_numpy() -> None:
     np.testing.assert_array_equal(np.asarray(image), image.pixels)
     assert np.asarray(image, np.float64).dtype == np.float64
     assert repr(image) == "<Image 8x6, 1 spp>"
+
+
+def test_materials_made_of_materials_without_end() -> None:
+    deep = WHITE
+    for _ in range(5000):
+        deep = blend(deep, WHITE)
+    with pytest.raises(ph.SceneError, match="materials are made of materials too deeply"):
+        ph.prepare(ph.Scene(materials={"a": deep}))
+
+
+def test_arguments_that_would_be_taken_for_something_else() -> None:
+    with pytest.raises(ph.SceneError, match="allow_paths is one path; must be a sequence"):
+        ph.LoadOptions(allow_paths="/usr")  # type: ignore[arg-type]
+    with pytest.raises(ph.SceneError, match="defines is 3; must be a dict"):
+        ph.LoadOptions(defines=3)  # type: ignore[arg-type]
+    with pytest.raises(ph.SceneError, match="a path is needed, not int"):
+        ph.load(3)  # type: ignore[arg-type]
+    with pytest.raises(ph.SceneError, match="features is 'yes'; must be True or False"):
+        ph.render(ph.weekend(), features="yes")  # type: ignore[arg-type]
+    with pytest.raises(ph.SceneError, match="camera: mirrored is 'no'; must be True or False"):
+        ph.render(ph.weekend(), camera=ph.Camera(mirrored="no"))  # type: ignore[arg-type]
+
+
+def test_an_image_that_is_not_finite() -> None:
+    image = np.full((1, 1), np.nan, np.float32)
+    color = ph.Texture("image", image=image)
+    with pytest.raises(ph.SceneError, match="the pixel in row 0, column 0 is not finite"):
+        ph.prepare(ph.Scene(materials={"a": ph.Material("diffuse", color=color)}))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from parhelion import spectra
+from parhelion import prepare, spectra
 from parhelion.errors import FormatError
 from parhelion.io import LoadOptions, load
 from parhelion.scene import (
@@ -302,6 +302,15 @@ def test_includes_that_include_each_other_are_refused(read: Read, tmp_path: Path
         read('<include filename="a.xml"/>')
 
 
+def test_includes_that_multiply_are_refused(read: Read, tmp_path: Path) -> None:
+    for i in range(15):
+        again = f'<include filename="{i + 1}.xml"/>' * 2
+        (tmp_path / f"{i}.xml").write_text(f'<scene version="3.0.0">{again}</scene>')
+    (tmp_path / "15.xml").write_text('<scene version="3.0.0"/>')
+    with pytest.raises(FormatError, match="more than 1000 files are included"):
+        read('<include filename="0.xml"/>')
+
+
 def test_an_index_out_of_range_names_mesh_and_face(read: Read, tmp_path: Path) -> None:
     (tmp_path / "bad.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 4\n")
     with pytest.raises(
@@ -429,6 +438,32 @@ def test_masks_blends_and_bumps(read: Read, tmp_path: Path) -> None:
     assert normals.params["normal_map"].params["color_space"] == "linear"
 
 
+def test_masks_in_masks_and_blends(read: Read, caplog: pytest.LogCaptureFixture) -> None:
+    mask = '<bsdf type="mask"><float name="opacity" value="{}"/>{}</bsdf>'
+    white = '<bsdf type="diffuse"/>'
+    assert _bsdf(read, mask.format(0.5, mask.format(0.25, white))).params["opacity"] == 0.125
+    blend = '<bsdf type="blendbsdf"><float name="weight" value="0.25"/>{}{}</bsdf>'
+    found = _bsdf(read, blend.format(mask.format(0.4, white), white))
+    assert found.params["opacity"] == pytest.approx(0.75 * 0.4 + 0.25)
+    assert found.params["weight"] == pytest.approx(0.25 / 0.55)
+    assert "opacity" not in found.params["a"].params
+    caplog.clear()
+    sides = blend.format(white, '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf>')
+    read(f'<shape type="sphere">{sides}</shape>')
+    assert "both backs are shown" in caplog.text
+
+
+def test_blends_of_blends_of_the_same(read: Read) -> None:
+    """Each part twice, forty times over."""
+    text = '<bsdf type="diffuse" id="b0"/>'
+    for i in range(40):
+        ref = f'<ref id="b{i}"/>'
+        text += f'<bsdf type="blendbsdf" id="b{i + 1}">{ref}{ref}</bsdf>'
+    text += '<bsdf type="twosided" id="all"><ref id="b40"/></bsdf>'
+    scene = read(text + '<shape type="sphere"><ref id="all"/></shape>')
+    prepare(scene)
+
+
 def test_an_emitter_makes_the_front_of_its_shape_shine(read: Read) -> None:
     scene = read(
         '<emitter type="area" id="lamp"><rgb name="radiance" value="1 2 3"/></emitter>'
@@ -508,6 +543,28 @@ def test_version_0_is_read_where_it_means_the_same(read: Read) -> None:
     assert material(scene).params["color"] == (0.1, 0.2, 0.3)
     assert material(scene).params["ior"] == pytest.approx(2.0 / 1.000277)
     assert scene.shapes[1].inside_out
+
+
+def test_copies_in_copies(read: Read) -> None:
+    moved = '<transform name="to_world"><translate x="{}"/></transform>'
+    inner = '<shape type="instance"><ref id="g"/>' + moved.format(1) + "</shape>"
+    scene = read(
+        '<shape type="shapegroup" id="g"><shape type="sphere"/></shape>'
+        f'<shape type="shapegroup" id="h"><shape type="cube"/>{inner}</shape>'
+        f'<shape type="instance"><ref id="h"/>{moved.format(10)}</shape>'
+        f'<shape type="instance"><ref id="h"/>{moved.format(20)}</shape>'
+    )
+    copies = {s.name: np.asarray(s.transforms)[:, 0, 3] for s in scene.shapes}  # type: ignore[union-attr]
+    np.testing.assert_array_equal(copies["g"], [11, 21])
+    np.testing.assert_array_equal(copies["h"], [10, 20])
+    prepare(scene)
+    with pytest.raises(FormatError, match="itself"):
+        read(
+            '<shape type="shapegroup" id="g"><shape type="sphere"/>'
+            '<shape type="instance"><ref id="h"/></shape></shape>'
+            '<shape type="shapegroup" id="h"><shape type="instance"><ref id="g"/></shape></shape>'
+            '<shape type="instance"><ref id="h"/></shape>'
+        )
 
 
 def test_copies_of_a_group_are_one_object(read: Read) -> None:

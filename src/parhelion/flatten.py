@@ -290,13 +290,13 @@ class _Parts:
         if isinstance(priority, bool) or not isinstance(priority, (int, np.integer)):
             raise SceneError(f"{where}: priority is {priority!r}; must be a whole number")
         if not 0 <= priority < 2**31:
-            raise SceneError(f"{where}: priority is {priority}; must be >= 0")
+            raise SceneError(f"{where}: priority is {priority}; must lie in [0, {2**31 - 1}]")
         record["priority"] = int(priority)
         back = common.get("back")
         if back is not None:
             record["back"] = self.material_index(back, f"{where}: back")
             uses_uv = uses_uv or bool(self.materials[record["back"]].get("uses_uv", True))
-        elif _flag(common.get("two_sided", True), where) or transmits:
+        elif _flag(common.get("two_sided", True), f"{where}: two_sided") or transmits:
             record["back"] = own
         else:
             record["back"] = NONE

@@ -59,6 +59,8 @@ def placed(scene: Scene, aspect: float) -> Camera:
             plus, minus = max(plus, float(np.max(most + u))), max(minus, float(np.max(most - u)))
         nearness = max(nearness, (plus + minus) / (2 * slope))
         offsets.append((plus - minus) / 2)
+    if not nearness > 0.0:  # a single point, say
+        nearness = 1.0
     # At a larger distance than this axis needs, its offset leaves equal room on both sides.
     target = middle + offsets[0] * right + offsets[1] * up
     eye = target + nearness * towards

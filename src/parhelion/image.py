@@ -224,6 +224,11 @@ def _half(data: NDArray[Any]) -> NDArray[np.float16]:
     return half
 
 
+def _reason(text: str) -> str:
+    """The first line of what OpenImageIO says, which may tell of one mistake many times over."""
+    return str(text).strip().partition("\n")[0]
+
+
 def read_pixels(path: str | os.PathLike[str], where: str = "") -> NDArray[Any]:
     """A picture file's pixels, (H, W, C) uint8, uint16 or float32, as they are stored.
 
@@ -237,14 +242,14 @@ def read_pixels(path: str | os.PathLike[str], where: str = "") -> NDArray[Any]:
     hints.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(os.fspath(path), hints)
     if source is None:
-        reason = oiio.geterror() or "no such file"
+        reason = _reason(oiio.geterror()) or "no such file"
         raise FormatError(f"{start}{path}: cannot be read: {reason}")
     try:
         spec = source.spec()
         kind = {"uint8": "uint8", "uint16": "uint16"}.get(str(spec.format), "float")
         pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
         if pixels is None:
-            raise FormatError(f"{start}{path}: cannot be read: {source.geterror()}")
+            raise FormatError(f"{start}{path}: cannot be read: {_reason(source.geterror())}")
     finally:
         source.close()
     names = [n.upper() for n in spec.channelnames]  # the library reorders channels

@@ -110,6 +110,7 @@ def render(
     ):
         if name not in choices:
             raise SceneError(unknown_name(what, name, filter(None, choices)))
+    features = _flag("features", features)
     if progress is not None and not isinstance(progress, bool) and not callable(progress):
         raise SceneError(f"progress is {progress!r}; must be a function, True or None")
     count = _whole("threads", threads, 0, 4096) or machine.cores_available()
@@ -164,8 +165,6 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
     if "filter" in changes and changes["filter"] != base.filter:  # another's radius says nothing
         changes = {"filter_radius": None, **changes}
     s = replace(base, **changes)
-    if not isinstance(s.roulette, (bool, np.bool_)):
-        raise SceneError(f"roulette is {s.roulette!r}; must be True or False")
     s = replace(
         s,
         width=_side("width", s.width),
@@ -176,7 +175,7 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
         sampler=tables.entry("samplers", s.sampler).name,
         filter=tables.entry("filters", s.filter).name,
         filter_radius=_length("filter_radius", s.filter_radius),
-        roulette=bool(s.roulette),
+        roulette=_flag("roulette", s.roulette),
         ao_distance=_length("ao_distance", s.ao_distance),
         backdrop=None if s.backdrop is None else _color("backdrop", s.backdrop),
     )
@@ -259,7 +258,7 @@ def _plain(camera: Any) -> Camera:
         projection=camera.projection,
         height=_length("camera: height", camera.height),
         shift=_pair("camera: shift", camera.shift),
-        mirrored=bool(camera.mirrored),
+        mirrored=_flag("camera: mirrored", camera.mirrored),
     )
 
 
@@ -384,6 +383,12 @@ def _number(name: str, value: Any) -> float:
     except (TypeError, ValueError, OverflowError):
         pass
     raise SceneError(f"{name} is {value!r}; must be a number")
+
+
+def _flag(name: str, value: Any) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise SceneError(f"{name} is {value!r}; must be True or False")
+    return bool(value)
 
 
 def _color(name: str, value: Any) -> Vec3:

@@ -48,9 +48,6 @@ void accuracy() {
   CHECK(worst(
             -1.0, 1.0, [](float x) { return ph::exp(x); }, [](double x) { return std::exp(x); }) <
         2e-7);
-  CHECK(worst(
-            -126.0, 127.9, [](float x) { return ph::exp2(x); },
-            [](double x) { return std::exp2(x); }) < 2e-7);
   const auto log = [](float x) { return ph::log(x); };
   const auto log_exact = [](double x) { return std::log(x); };
   CHECK(worst(1e-6, 4.0, log, log_exact) < 2e-7);
@@ -95,7 +92,6 @@ void ends() {
   const auto is_nan = [](float x) { return x != x; };
   CHECK(ph::exp(0.0f) == 1.0f && ph::exp(-inf) == 0.0f && ph::exp(inf) == inf);
   CHECK(ph::exp(89.0f) == inf && ph::exp(-105.0f) == 0.0f && ph::exp(-103.0f) == 0x1p-149f);
-  CHECK(ph::exp2(10.0f) == 1024.0f && ph::exp2(-149.0f) == 0x1p-149f && ph::exp2(128.0f) == inf);
   CHECK(ph::log(1.0f) == 0.0f && ph::log(0.0f) == -inf && ph::log(inf) == inf);
   CHECK(ph::log2(8.0f) == 3.0f && ph::log2(0x1p-149f) == -149.0f);
   CHECK(ph::pow(0.0f, 2.0f) == 0.0f && ph::pow(0.0f, -1.0f) == inf && ph::pow(0.0f, 0.0f) == 1.0f);
@@ -110,8 +106,7 @@ void ends() {
   CHECK(ph::erf_inverse(1.0f) == inf && ph::erf_inverse(-1.0f) == -inf &&
         ph::erf_inverse(0.0f) == 0.0f);
   CHECK(ph::floor(-0.5f) == -1.0f && ph::floor(2.0f) == 2.0f && ph::floor(-1e30f) == -1e30f);
-  CHECK(is_nan(ph::exp(nan)) && is_nan(ph::exp2(nan)) && is_nan(ph::log(nan)) &&
-        is_nan(ph::log2(nan)));
+  CHECK(is_nan(ph::exp(nan)) && is_nan(ph::log(nan)) && is_nan(ph::log2(nan)));
   CHECK(is_nan(ph::log(-1.0f)) && is_nan(ph::pow(-1.0f, 2.0f)) && is_nan(ph::pow(2.0f, nan)));
   CHECK(is_nan(ph::atan2(nan, 1.0f)) && is_nan(ph::asin(nan)) && is_nan(ph::acos(nan)));
   CHECK(is_nan(ph::erf(nan)) && is_nan(ph::erf_inverse(nan)) && is_nan(ph::erf_inverse(2.0f)));

@@ -92,9 +92,17 @@ def _materials() -> str:
             notes = [" (takes an image)"] * entry.image + [" (may be a background)"] * entry.outside
             lines.append(f"  {entry.name}: {entry.doc}{''.join(notes)}")
             for p in entry.params:
+                if (entry.name, p.name) == ("attribute", "name"):
+                    lines.append(f"    name  {p.doc} (text)")
+                    continue
                 if p.choices:
                     preset, range = p.choices[int(p.default[0])], " or ".join(p.choices)
                 else:
                     preset, range = " ".join(f"{x:g}" for x in p.default), p.range()
                 lines.append(f"    {p.name} = {preset}  {p.doc} ({range})")
+        if kind == "materials":
+            from ..flatten import COMMON
+
+            lines.append("  blend: material `b` in the share `weight`, else `a`")
+            lines.append(f"  every material also takes: {', '.join(sorted(COMMON))}")
     return "\n".join(lines)

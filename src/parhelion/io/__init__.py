@@ -21,7 +21,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ..errors import FormatError, unknown_name
+from ..errors import FormatError, SceneError, unknown_name
 from ..scene import Scene
 
 # suffix -> module; the one list that a new format is added to
@@ -81,13 +81,23 @@ class LoadOptions:
     environment: str | None = None
     up: str | None = None
 
+    def __post_init__(self) -> None:
+        """Refuses what would be taken for something else."""
+        if isinstance(self.allow_paths, (str, os.PathLike)):
+            raise SceneError("allow_paths is one path; must be a sequence of paths")
+        if not isinstance(self.defines, Mapping):
+            raise SceneError(f"defines is {self.defines!r}; must be a dict")
+
 
 def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Scene:
     """Reads a scene or a particle file; which format is told by the ending of its name.
 
     Raises FormatError for a file that is missing, broken or of no known format.
     """
-    file = Path(path)
+    try:
+        file = Path(path)
+    except TypeError:
+        raise SceneError(f"a path is needed, not {type(path).__name__}") from None
     try:
         exists = file.exists()
     except OSError as error:  # too long a name, a folder that may not be looked into

@@ -247,7 +247,18 @@ def _null(_: Reader, __: Object) -> Material:
 
 
 def _mask(r: Reader, o: Object) -> Material:
-    return changed(one(r, o), opacity=r.scalar(o, "opacity", 0.5))
+    inside = one(r, o)
+    opacity = r.scalar(o, "opacity", 0.5)
+    if "opacity" in inside.params:  # a mask of a mask
+        opacity = _product(opacity, inside.params["opacity"])
+    return changed(inside, opacity=opacity)
+
+
+def _product(a: float | Texture, b: float | Texture) -> float | Texture:
+    if not isinstance(a, Texture) and not isinstance(b, Texture):
+        return a * b
+    colors = [x if isinstance(x, Texture) else (x, x, x) for x in (a, b)]
+    return Texture("multiply", color0=colors[0], color1=colors[1])
 
 
 def _two_sided(r: Reader, o: Object) -> Material:
@@ -255,14 +266,19 @@ def _two_sided(r: Reader, o: Object) -> Material:
     if not 1 <= len(sides) <= 2:
         raise o.error(f"has {len(sides)} bsdfs in it; needs 1 or 2")
     if len(sides) == 1:
-        return _both(sides[0])
-    return changed(_both(sides[0]), "two_sided", back=_both(sides[1]))
+        return _both(sides[0], {})
+    return changed(_both(sides[0], {}), "two_sided", back=_both(sides[1], {}))
 
 
-def _both(material: Material) -> Material:
-    """The material with both sides, and those of its parts, alike."""
-    parts = {k: _both(v) for k, v in material.params.items() if k in ("a", "b")}
-    return changed(material, "back", two_sided=True, **parts)
+def _both(material: Material, made: dict[int, Material]) -> Material:
+    """The material with both sides, and those of its parts, alike.
+
+    made: by identity, as blends may share parts that share parts.
+    """
+    if id(material) not in made:
+        parts = {k: _both(v, made) for k, v in material.params.items() if k in ("a", "b")}
+        made[id(material)] = changed(material, "back", two_sided=True, **parts)
+    return made[id(material)]
 
 
 def _blend(r: Reader, o: Object) -> Material:
@@ -270,9 +286,28 @@ def _blend(r: Reader, o: Object) -> Material:
     if len(parts) != 2:
         raise o.error(f"has {len(parts)} bsdfs in it; needs 2")
     params: dict[str, Any] = {"weight": r.scalar(o, "weight", 0.5)}
-    if not any(part.params.get("two_sided", True) for part in parts):
+    sides = [part.params.get("two_sided", True) for part in parts]
+    if not any(sides):
         params["back"] = _BLACK
+    elif not all(sides):
+        r.report(f"{o}: of one bsdf with and one without a back both backs are shown")
+    opacities = [part.params.get("opacity", 1.0) for part in parts]
+    parts = [changed(part, "opacity") for part in parts]
+    if any(x != 1.0 for x in opacities):
+        params |= _holes(r, o, params["weight"], opacities)
     return Material("blend", a=parts[0], b=parts[1], **params)
+
+
+def _holes(
+    r: Reader, o: Object, weight: float | Texture, opacities: list[float | Texture]
+) -> dict[str, Any]:
+    """Opacity of a blend of masks, and the share of the second where there is no hole."""
+    a, b = opacities
+    if isinstance(weight, Texture) or isinstance(a, Texture) or isinstance(b, Texture):
+        r.report(f"{o}: masks in a blend, where any of it is textured, are not supported; no holes")
+        return {}
+    solid = (1.0 - weight) * a + weight * b
+    return {"opacity": solid, "weight": weight * b / solid if solid > 0.0 else 0.0}
 
 
 def _bump(r: Reader, o: Object) -> Material:
@@ -301,7 +336,9 @@ def _normal_map(r: Reader, o: Object) -> Material:
     normals = _texture_in(r, o)
     r.ignore(o, "flip_invalid_normals", "use_shadowing_function")
     material = one(r, o)
-    return changed(material, normal_map=normals) if isinstance(normals, Texture) else material
+    if not isinstance(normals, Texture):
+        return material
+    return changed(material, normal_map=normals, normal_map_frame="right_handed")
 
 
 def _texture_in(r: Reader, o: Object) -> Color | Texture:

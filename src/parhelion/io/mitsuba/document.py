@@ -31,6 +31,7 @@ _CONTROL = ("default", "path", "include", "alias", "ref")
 _DEEPEST = 100
 # Includes in includes
 _DEEPEST_INCLUDE = 20
+_MOST_INCLUDES = 1000
 # Bytes of a scene file: text, of which the large parts lie in other files
 _LARGEST = 1 << 28
 
@@ -122,6 +123,7 @@ class Document:
         self._params = dict(defines)
         self._used: set[str] = set()
         self._including: list[Path] = []
+        self._included = 0
         root = self._parse(path)
         if root.tag != "scene":
             raise FormatError(
@@ -317,6 +319,9 @@ class Document:
             raise FormatError(
                 f"{node.place}: more than {_DEEPEST_INCLUDE} files include each other"
             )
+        self._included += 1
+        if self._included > _MOST_INCLUDES:
+            raise FormatError(f"{node.place}: more than {_MOST_INCLUDES} files are included in all")
         root = self._parse(file)
         self._including.append(file)
         if root.tag != "scene":  # one object

@@ -43,6 +43,9 @@ class Reader:
         self._files: dict[tuple[Path, int], Any] = {}
         # groups of shapes that have instances, by their identity, and the instances' transforms
         self.groups: dict[int, tuple[Object, list[Matrix]]] = {}
+        # the group that is being read, and the instances in groups: what they copy, and where to
+        self.group: int | None = None
+        self.inner: dict[int, list[tuple[Object, Matrix]]] = {}
 
     def scene(self) -> Scene:
         """The whole scene. Raises FormatError."""

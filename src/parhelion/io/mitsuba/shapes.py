@@ -34,15 +34,36 @@ def read(r: Reader, o: Object) -> Sequence[Shape]:
     return _NOTHING if o.type == "shapegroup" else r.make(o, SHAPES, _NOTHING)
 
 
+# Copies that all instances make together; more are nested to fill the memory
+_MOST_COPIES = 10_000_000
+
+
 def instances(r: Reader) -> list[Instances]:
-    """All instances, one object for each group of shapes."""
-    found = []
-    for group, transforms in r.groups.values():
+    """All instances, one object a group of shapes; those within groups as copies of their own."""
+    placed: dict[int, tuple[Object, Sequence[Shape], list[Matrix]]] = {}
+    waiting: list[tuple[Object, list[Matrix], tuple[int, ...]]] = [
+        (group, list(matrices), (id(group),)) for group, matrices in r.groups.values()
+    ]
+    count = 0
+    while waiting:
+        group, matrices, way = waiting.pop(0)
+        r.group = id(group)
         made = r.make(group, _GROUPS, _NOTHING)
+        r.group = None
+        placed.setdefault(id(group), (group, made, []))[2].extend(matrices)
+        for inner, matrix in r.inner.get(id(group), ()):
+            if id(inner) in way:
+                raise group.error("holds an instance of itself")
+            count += len(matrices)
+            if count > _MOST_COPIES:
+                raise group.error(f"instances in instances make over {_MOST_COPIES} copies")
+            waiting.append((inner, [outer @ matrix for outer in matrices], (*way, id(inner))))
+    found = []
+    for group, made, matrices in placed.values():
         shapes = [shape for shape in made if not isinstance(shape, Instances)]
         if shapes:
             name = r.unique(group.id or "instances")
-            found.append(Instances(tuple(shapes), np.stack(transforms), name))
+            found.append(Instances(tuple(shapes), np.stack(matrices), name))
     return found
 
 
@@ -341,7 +362,10 @@ def _instance(r: Reader, o: Object) -> Sequence[Shape]:
         raise o.error(f"has {len(groups)} shapegroups in it; needs 1")
     matrix = r.matrix(o)
     _invertible(o, matrix)
-    r.groups.setdefault(id(groups[0]), (groups[0], []))[1].append(matrix)
+    if r.group is None:
+        r.groups.setdefault(id(groups[0]), (groups[0], []))[1].append(matrix)
+    else:
+        r.inner.setdefault(r.group, []).append((groups[0], matrix))
     return ()
 
 
