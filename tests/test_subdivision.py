@@ -1,0 +1,87 @@
+"""Loop subdivision: what its limit surface must be, by other means."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from parhelion import subdivision
+from parhelion.errors import SceneError
+from parhelion.io.meshes import smooth_normals
+
+_OCTAHEDRON = np.array(
+    [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], np.float64
+)
+_SIDES = np.array(
+    [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+)
+
+
+def _sheet(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """A flat square of n by n fields, each two triangles."""
+    y, x = (a.ravel() for a in np.meshgrid(*(np.linspace(0, 1, n + 1),) * 2, indexing="ij"))
+    corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    a, b, c, d = corner, corner + 1, corner + n + 2, corner + n + 1
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    return np.stack([x, y, 0 * x], 1), faces
+
+
+@pytest.mark.parametrize("shape", ["octahedron", "bent sheet"])
+def test_the_limit_is_the_same_from_every_level(shape: str) -> None:
+    """A vertex and its normal are what they are, however often the mesh was refined before."""
+    points, faces = (_OCTAHEDRON, _SIDES) if shape == "octahedron" else _sheet(3)
+    points = points + 0.2 * np.random.default_rng(1).normal(size=points.shape)
+    first, _, normals = subdivision.loop(points, faces, 0)
+    for level in (1, 3):
+        again, _, more = subdivision.loop(points, faces, level)
+        np.testing.assert_allclose(again[: len(first)], first, atol=1e-12)
+        np.testing.assert_allclose(more[: len(first)], normals, atol=1e-9)
+
+
+def test_counts_and_outward_normals_of_a_closed_mesh() -> None:
+    points, faces, normals = subdivision.loop(_OCTAHEDRON, _SIDES, 3)
+    assert faces.shape == (8 * 64, 3)
+    assert len(points) == 4 * 64 + 2  # Euler: V = F / 2 + 2
+    radius = np.linalg.norm(points, axis=1)
+    assert 0.3 < radius.min() < radius.max() < 0.8  # a ball within the octahedron
+    across = np.einsum("vi,vi->v", normals, points) / radius
+    assert across.min() > 0.95
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
+
+
+def test_normals_are_those_of_the_fine_mesh() -> None:
+    points = _OCTAHEDRON * (1.0, 2.0, 3.0)
+    vertices, faces, normals = subdivision.loop(points, _SIDES, 5)
+    angle = np.arccos(
+        np.clip(np.einsum("vi,vi->v", normals, smooth_normals(vertices, faces)), -1, 1)
+    )
+    # at vertices of valence 4 the curvature has no bound, and neighbours differ by degrees
+    assert np.degrees(np.median(angle)) < 0.05
+    assert np.degrees(angle.max()) < 3.0
+
+
+def test_a_flat_sheet_stays_flat_and_in_its_outline() -> None:
+    points, faces = _sheet(4)
+    vertices, _, normals = subdivision.loop(points, faces, 2)
+    assert np.abs(vertices[:, 2]).max() == 0.0
+    assert vertices.min() >= 0.0
+    assert vertices.max() <= 1.0
+    np.testing.assert_allclose(normals, np.tile([0.0, 0.0, 1.0], (len(normals), 1)), atol=1e-12)
+
+
+def test_three_faces_on_one_edge_and_fans_that_touch() -> None:
+    """No surface, but an answer: finite points, and normals of length 1 or 0."""
+    points = np.array(
+        [[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 0, 0.5], [0, 1, 0], [2, 2, 2], [3, 2, 2]]
+    )
+    faces = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4], [0, 5, 6]])
+    vertices, _, normals = subdivision.loop(points, faces, 2)
+    assert np.isfinite(vertices).all()
+    assert set(np.linalg.norm(normals, axis=1).round(9).tolist()) <= {0.0, 1.0}
+
+
+def test_too_many_faces_are_refused_before_they_are_made() -> None:
+    with pytest.raises(SceneError, match="8 faces, subdivided 30 times"):
+        subdivision.loop(_OCTAHEDRON, _SIDES, 30)
+    assert subdivision.most_levels(8) == 9  # of 2^21 triangles
+    assert subdivision.most_levels(10**9) == 0
