@@ -260,6 +260,19 @@ def read_pixels(path: str | os.PathLike[str], where: str = "") -> NDArray[Any]:
     return np.ascontiguousarray(pixels[:, :, :count])
 
 
+def picture_size(path: str | os.PathLike[str], where: str = "") -> tuple[int, int]:
+    """Width and height of a picture file, by its header alone. Raises FormatError as above."""
+    import OpenImageIO as oiio
+
+    source = oiio.ImageInput.open(os.fspath(path))
+    if source is None:
+        start = f"{where}: " if where else ""
+        raise FormatError(f"{start}{path}: cannot be read: {oiio.geterror() or 'no such file'}")
+    spec = source.spec()
+    source.close()
+    return int(spec.width), int(spec.height)
+
+
 def check_output(
     path: str | os.PathLike[str], bits: int | None = None, features: bool = False
 ) -> None:

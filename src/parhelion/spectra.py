@@ -74,7 +74,12 @@ def emission(wavelengths: ArrayLike, values: ArrayLike) -> Color:
 
 def equal_energy(power: float) -> Color:
     """The colour of light with the same power at all wavelengths: CIE XYZ are all `power`."""
-    r, g, b = (sum(row) * power for row in _FROM_XYZ)
+    return from_xyz(power, power, power)
+
+
+def from_xyz(x: float, y: float, z: float) -> Color:
+    """The colour of CIE XYZ tristimulus values; parts of one that lies outside are below 0."""
+    r, g, b = (row[0] * x + row[1] * y + row[2] * z for row in _FROM_XYZ)
     return r, g, b
 
 

@@ -40,6 +40,7 @@ FORMATS: dict[str, str] = {
     ".stl": "mesh_file",
     ".off": "mesh_file",
     ".obj": "obj",
+    ".pbrt": "pbrt",
 }
 
 # endings that may follow those of FORMATS
