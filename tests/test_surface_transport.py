@@ -475,6 +475,39 @@ def test_front_and_back() -> None:
     assert_lit(floor.runs(down, spp=64), expected, rounding=1e-4)
 
 
+@pytest.mark.parametrize("side", ["inside_out", "two_sided_emission", "mesh"])
+def test_within_a_sphere_that_shines(side: str) -> None:
+    """Of albedo 1/2: after one bounce there is half as much light again."""
+    both = side == "two_sided_emission"
+    glow = ph.Material("diffuse", color=(0.5,) * 3, emission=(1, 1, 1), two_sided_emission=both)
+    shell: Any = ph.Spheres([[0, 0, 0]], 1, glow, inside_out=not both)
+    if side == "mesh":
+        shell = ball(24, 48, glow, inside_out=True)
+    camera = ph.Camera(eye=(0.3, 0.2, 0.1), target=(1, 0, 0), vfov=90)
+    scene = ph.Scene([shell], camera=camera, background=None)
+    runs = scene_runs(scene, width=8, height=8, spp=64, max_depth=2, roulette=False)
+    np.testing.assert_allclose(runs, 1.5, rtol=1e-4 if side != "mesh" else 0.2)
+    np.testing.assert_allclose(runs.mean(), 1.5, rtol=1e-4 if side != "mesh" else 2e-3)
+
+
+def test_the_far_side_of_a_lamp_through_a_hole_in_its_near_side() -> None:
+    """The lower half is a hole; the floor sees the upper half's inside through it."""
+    floor = Floor()
+    v = np.linspace(0, 1, 64)[::-1]
+    image = np.repeat((v > 0.5)[:, None], 4, axis=1).astype(np.float32)
+    holes = ph.Texture("image", image=image, filter="nearest", wrap_v="clamp")
+    glow = ph.Material(
+        "diffuse", color=(0, 0, 0), emission=(2, 2, 2), two_sided_emission=True, opacity=holes
+    )
+    to_y_up = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], float)  # the sphere's own pole is z
+    lamp = ph.Spheres([[0, 1.0, 0]], 0.5, glow, rotation=to_y_up)
+    disk = ph.Disks([[0, 1.0, 0]], [[0.5, 0, 0]], [[0, 0, 0.5]], LAMP)
+    # half a sphere seen from below looks as its opening does
+    a, b = (floor.runs(shape, spp=256).mean(axis=(1, 2)) for shape in (lamp, disk))
+    assert b.mean() > 0.05
+    np.testing.assert_allclose(a.mean(), b.mean(), rtol=0.04)
+
+
 def test_textured_emission() -> None:
     image = np.array([[1.0, 6.0], [0.0, 3.0]], np.float32)  # the first row at v = 1
     texture = ph.Texture("image", image=image, filter="nearest")

@@ -441,9 +441,8 @@ PH_INLINE Sphere sphere_around(const Curve& c) {
   return {center, (far + widest(c)) * (1.0f + 16.0f * kRounding)};
 }
 
-PH_INLINE float pdf_towards(const Curve& c, Vec3 from, Vec3 direction, float distance,
-                            Vec3 normal) {
-  return pdf_towards(sphere_around(c), from, direction, distance, normal);
+PH_INLINE float pdf_towards(const Curve& c, Vec3 from, Vec3, float, Vec3) {
+  return cone_pdf(sphere_around(c), from);
 }
 
 inline TowardsSample sample_towards(const Curve& c, Vec3 from, Vec2 u) {

@@ -98,16 +98,24 @@ PH_INLINE void parametrise(const Sphere& s, const float (&rotation)[9], const Su
 PH_INLINE float area(const Sphere& s) { return 4.0f * kPi * s.radius * s.radius; }
 
 // The cone of directions from a point that meet the sphere: 1 - cos of its half angle, or 0 from
-// inside, where every direction does and sampling the cone makes no sense.
+// inside, where every direction does and sampling the cone makes no sense. Points on the sphere,
+// which rounding may move outside, count as inside.
 PH_INLINE float subtended_spread(const Sphere& s, Vec3 from) {
+  constexpr float kOutside = 1.0f - 1e-5f;
   const Vec3 f = s.center - from;
   const float sine2 = s.radius * s.radius / dot(f, f);
-  return sine2 < 1.0f ? sine2 / (1.0f + sqrt(1.0f - sine2)) : 0.0f;
+  return sine2 < kOutside ? sine2 / (1.0f + sqrt(1.0f - sine2)) : 0.0f;
 }
 
-PH_INLINE float pdf_towards(const Sphere& s, Vec3 from, Vec3, float, Vec3) {
+// Of a direction within that cone.
+PH_INLINE float cone_pdf(const Sphere& s, Vec3 from) {
   const float spread = subtended_spread(s, from);
   return spread > 0.0f ? 1.0f / (2.0f * kPi * spread) : 0.0f;
+}
+
+// Of points on the near side: only these are sampled.
+PH_INLINE float pdf_towards(const Sphere& s, Vec3 from, Vec3 direction, float distance, Vec3) {
+  return distance <= dot(s.center - from, direction) ? cone_pdf(s, from) : 0.0f;
 }
 
 // Uniform in the solid angle that the sphere subtends; the density is 0 from inside.
