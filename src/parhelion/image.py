@@ -229,27 +229,56 @@ def _reason(text: str) -> str:
     return str(text).strip().partition("\n")[0]
 
 
-def read_pixels(path: str | os.PathLike[str], where: str = "") -> NDArray[Any]:
-    """A picture file's pixels, (H, W, C) uint8, uint16 or float32, as they are stored.
+def read_pixels(
+    source: str | os.PathLike[str] | bytes, where: str = "", largest: int | None = None
+) -> NDArray[Any]:
+    """A picture's pixels, (H, W, C) uint8, uint16 or float32, as they are stored in a file.
 
-    C is 1, 3 or 4: grey, RGB, RGB and alpha, which is not multiplied into the colours. Raises
-    FormatError for a file that cannot be read; `where`, if any, begins its text.
+    source: the file's path, or all of its bytes. C is 1 to 4: grey, grey and alpha, RGB, RGB and
+    alpha, which is not multiplied into the colours. largest: pixels that it may have, for files
+    from strangers. Raises FormatError for one that cannot be read; `where`, if any, and the path
+    begin its text.
     """
+    if isinstance(source, bytes):
+        with _memory_file(len(source)) as path:
+            Path(path).write_bytes(source)
+            return _read_pixels(path, where, largest)
+    name = os.fspath(source)
+    return _read_pixels(name, f"{where}: {name}" if where else name, largest)
+
+
+def check_picture(path: str | os.PathLike[str], largest: int, where: str) -> None:
+    """Raises what read_pixels would for a file that is no picture or too large a one."""
+    _opened(os.fspath(path), where, largest).close()
+
+
+def _opened(path: str, where: str, largest: int | None) -> Any:
+    """The library's reader of a picture."""
     import OpenImageIO as oiio
 
     start = f"{where}: " if where else ""
     hints = oiio.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", 1)
-    source = oiio.ImageInput.open(os.fspath(path), hints)
+    source = oiio.ImageInput.open(path, hints)
     if source is None:
-        reason = _reason(oiio.geterror()) or "no such file"
-        raise FormatError(f"{start}{path}: cannot be read: {reason}")
+        reason = (_reason(oiio.geterror()) or "no such file").replace(f'"{path}"', "it")
+        raise FormatError(f"{start}cannot be read: {reason}")
+    width, height = source.spec().width, source.spec().height
+    if largest is not None and width * height > largest:
+        source.close()
+        raise FormatError(f"{start}has {width} x {height} pixels; at most {largest:,} are read")
+    return source
+
+
+def _read_pixels(path: str, where: str, largest: int | None) -> NDArray[Any]:
+    start = f"{where}: " if where else ""
+    source = _opened(path, where, largest)
     try:
         spec = source.spec()
         kind = {"uint8": "uint8", "uint16": "uint16"}.get(str(spec.format), "float")
         pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
         if pixels is None:
-            raise FormatError(f"{start}{path}: cannot be read: {_reason(source.geterror())}")
+            raise FormatError(f"{start}cannot be read: {_reason(source.geterror())}")
     finally:
         source.close()
     names = [n.upper() for n in spec.channelnames]  # the library reorders channels

@@ -43,6 +43,12 @@ def add_loading(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="a folder, besides the scene's own, that its files may lie in; may be given again",
     )
+    group.add_argument(
+        "--time", type=float, metavar="SECONDS", help="of a scene's animations; else its rest pose"
+    )
+    group.add_argument(
+        "--variant", metavar="NAME", help="which of a glTF scene's sets of materials it has"
+    )
     group = parser.add_argument_group("view and light")
     group.add_argument(
         "--view",
@@ -103,6 +109,8 @@ def load_options(args: argparse.Namespace) -> LoadOptions:
         view=args.view,
         up=args.up,
         environment=args.environment,
+        time=args.time,
+        variant=args.variant,
     )
 
 

@@ -36,6 +36,8 @@ FORMATS: dict[str, str] = {
     ".pdb": "chemfiles_file",
     ".gro": "chemfiles_file",
     ".xml": "mitsuba",
+    ".gltf": "gltf",
+    ".glb": "gltf",
     ".ply": "mesh_file",
     ".stl": "mesh_file",
     ".off": "mesh_file",
@@ -67,6 +69,8 @@ class LoadOptions:
     what is usual in its format. view: where the camera stands instead of where the scene says: a
     name in studio.VIEWS. environment: a panorama's file, instead of the scene's background. ground:
     a ground below all for shadows to fall on.
+    time: seconds of a scene's animations; None for the pose that it is stored in. variant: the name
+    of one of a scene's sets of materials; None for the first.
     """
 
     color_by: str | None = None
@@ -81,6 +85,8 @@ class LoadOptions:
     view: str | None = None
     environment: str | None = None
     up: str | None = None
+    time: float | None = None
+    variant: str | None = None
 
     def __post_init__(self) -> None:
         """Refuses what would be taken for something else."""

@@ -1,0 +1,956 @@
+"""glTF: files made here, of which every vertex and number is known, and files that are broken."""
+
+from __future__ import annotations
+
+import base64
+import json
+import logging
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+import parhelion as ph
+from parhelion.errors import FormatError
+from parhelion.image import encoded
+from parhelion.io import LoadOptions, load
+
+TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+_COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+
+
+class File:
+    """A glTF document in the making: `json` and one buffer, to which arrays are added."""
+
+    def __init__(self) -> None:
+        self.binary = bytearray()
+        self.json: dict[str, Any] = {"asset": {"version": "2.0"}}
+
+    def add(self, kind: str, **fields: Any) -> int:
+        """Another object in a list of the document; its index."""
+        things = self.json.setdefault(kind, [])
+        things.append(fields)
+        return len(things) - 1
+
+    def view(self, data: bytes, **fields: Any) -> int:
+        self.binary += bytes(-len(self.binary) % 4)
+        at = len(self.binary)
+        self.binary += data
+        return self.add("bufferViews", buffer=0, byteOffset=at, byteLength=len(data), **fields)
+
+    def array(self, values: Any, **fields: Any) -> int:
+        """An accessor of (N,) or (N, width) numbers."""
+        array = np.asarray(values)
+        if array.dtype == np.float64:
+            array = array.astype(np.float32)
+        width = array.shape[1] if array.ndim == 2 else 1
+        fields = {"type": _TYPES[width], "count": len(array)} | fields
+        code = _COMPONENTS[array.dtype.str[1:]]
+        return self.add(
+            "accessors", bufferView=self.view(array.tobytes()), componentType=code, **fields
+        )
+
+    def mesh(self, positions: Any = TRIANGLE, **fields: Any) -> int:
+        """A mesh of one primitive; fields of the primitive, attributes as arrays."""
+        attributes = {"POSITION": self.array(positions)}
+        for name in [n for n in fields if n.isupper() or n[-1].isdigit()]:
+            value = fields.pop(name)
+            attributes[name] = value if isinstance(value, int) else self.array(value)
+        return self.add("meshes", primitives=[{"attributes": attributes, **fields}])
+
+    def picture(self, pixels: NDArray[Any], **sampler: Any) -> dict[str, int]:
+        """A PNG in the buffer, as a textureInfo."""
+        image = self.add("images", bufferView=self.view(encoded(pixels, {}, ".png")))
+        fields = {"sampler": self.add("samplers", **sampler)} if sampler else {}
+        return {"index": self.add("textures", source=image, **fields)}
+
+    def material(self, **fields: Any) -> int:
+        """A mesh of a triangle with texture coordinates is added for it, and a node."""
+        made = self.add("materials", **fields)
+        uv = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
+        self.add("nodes", mesh=self.mesh(material=made, TEXCOORD_0=uv))
+        return made
+
+    def text(self) -> bytes:
+        document = dict(self.json)
+        if self.binary:
+            uri = "data:application/octet-stream;base64," + base64.b64encode(self.binary).decode()
+            document["buffers"] = [{"byteLength": len(self.binary), "uri": uri}]
+        return json.dumps(document).encode()
+
+    def glb(self) -> bytes:
+        document = dict(self.json) | {"buffers": [{"byteLength": len(self.binary)}]}
+        text = json.dumps(document).encode()
+        text += b" " * (-len(text) % 4)
+        binary = bytes(self.binary) + bytes(-len(self.binary) % 4)
+        size = 12 + 8 + len(text) + 8 + len(binary)
+        return (
+            struct.pack("<4sII", b"glTF", 2, size)
+            + struct.pack("<II", len(text), 0x4E4F534A)
+            + text
+            + struct.pack("<II", len(binary), 0x004E4942)
+            + binary
+        )
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Any:
+    """Loads a File, or the bytes of one, or a document as a dict."""
+
+    def scene(file: File | bytes | dict[str, Any], **options: Any) -> ph.Scene:
+        data = file.text() if isinstance(file, File) else file
+        if isinstance(data, dict):
+            data = json.dumps(data).encode()
+        path = tmp_path / "scene.gltf"
+        path.write_bytes(data)
+        return load(path, LoadOptions(**options))
+
+    return scene
+
+
+def triangles(shape: Any) -> NDArray[Any]:
+    """(F, 3, 3) corners of a mesh."""
+    return np.asarray(shape.vertices)[np.asarray(shape.faces)]
+
+
+def only_material(scene: ph.Scene) -> ph.Material:
+    (found,) = scene.materials.values()
+    return found
+
+
+# --- Geometry ------------------------------------------------------------------------------------
+
+
+def test_a_triangle_is_where_its_nodes_put_it(read: Any) -> None:
+    f = File()
+    # a quarter turn about z, then doubled, then moved; within a parent that moves up
+    turn = [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]
+    f.add("nodes", children=[1], matrix=[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 5, 1])
+    f.add("nodes", mesh=f.mesh(), rotation=turn, scale=[2, 2, 2], translation=[10, 0, 0])
+    scene = read(f)
+    (mesh,) = scene.shapes
+    assert_allclose(triangles(mesh)[0], [[10, 0, 5], [10, 2, 5], [8, 0, 5]], atol=1e-6)
+    assert mesh.normals is None
+    assert isinstance(scene.camera, ph.Framing)
+    assert scene.background is not None
+
+
+def test_a_glb_is_the_same_scene(read: Any, tmp_path: Path) -> None:
+    f = File()
+    f.add("nodes", mesh=f.mesh())
+    path = tmp_path / "scene.GLB"
+    path.write_bytes(f.glb())
+    assert np.array_equal(triangles(load(path).shapes[0]), triangles(read(f).shapes[0]))
+
+
+def test_mirrored_and_flattened_meshes_keep_their_outside(read: Any) -> None:
+    f = File()
+    normals = np.tile(np.array([[0, 0, 1]], np.float32), (3, 1))
+    mesh = f.mesh(NORMAL=normals)
+    f.add("nodes", mesh=mesh, scale=[-1, 1, 1])
+    (mirrored,) = read(f).shapes
+    corners = triangles(mirrored)[0]
+    assert np.cross(corners[1] - corners[0], corners[2] - corners[0])[2] > 0
+    assert np.asarray(mirrored.normals)[0, 2] > 0
+    f.json["nodes"][0]["scale"] = [1, 1, 0]
+    (flat,) = read(f).shapes
+    assert np.asarray(flat.normals)[0, 2] > 0
+    f.json["nodes"][0]["scale"] = [1, 0, 0]
+    assert read(f).shapes == ()
+
+
+@pytest.mark.parametrize(
+    ("mode", "indices", "faces"),
+    [
+        (4, [0, 1, 2, 2, 1, 3], [[0, 1, 2], [2, 1, 3]]),
+        (5, [0, 1, 2, 3], [[0, 1, 2], [1, 3, 2]]),
+        (6, [0, 1, 2, 3], [[1, 2, 0], [2, 3, 0]]),
+    ],
+)
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.uint32])
+def test_triangles_strips_and_fans(
+    read: Any, mode: int, indices: list[int], faces: list[list[int]], kind: Any
+) -> None:
+    f = File()
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32)
+    f.add("nodes", mesh=f.mesh(corners, mode=mode, indices=f.array(np.array(indices, kind))))
+    assert_allclose(triangles(read(f).shapes[0]), corners[np.array(faces)])
+
+
+def test_points_are_spheres_and_lines_tubes(read: Any) -> None:
+    f = File()
+    corners = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0]], np.float32)
+    colors = np.eye(3, dtype=np.float32)
+    f.add("nodes", mesh=f.mesh(corners, mode=0, COLOR_0=colors))
+    f.add("nodes", mesh=f.mesh(corners, mode=2), scale=[2, 2, 2])
+    spheres, curves = read(f).shapes
+    assert_allclose(np.asarray(spheres.centers), corners)
+    assert_allclose(spheres.radii, 0.001 * 10)  # of the diagonal of what is there
+    assert_allclose(np.asarray(spheres.colors), colors)
+    assert_allclose(np.asarray(curves.points), 2 * corners[[0, 1, 1, 2, 2, 0]])
+    ph.prepare(read(f))
+
+
+def test_sparse_accessors_replace_elements(read: Any) -> None:
+    f = File()
+    sparse = {
+        "count": 1,
+        "indices": {"bufferView": f.view(np.array([1], np.uint16).tobytes()),
+                    "componentType": 5123},
+        "values": {"bufferView": f.view(np.array([7, 8, 9], np.float32).tobytes())},
+    }  # fmt: skip
+    f.add("nodes", mesh=f.mesh())
+    f.json["accessors"][0]["sparse"] = sparse
+    expected = TRIANGLE.copy()
+    expected[1] = (7, 8, 9)
+    assert_allclose(triangles(read(f).shapes[0])[0], expected)
+    del f.json["accessors"][0]["bufferView"]  # of zeros
+    expected = np.zeros((3, 3))
+    expected[1] = (7, 8, 9)
+    assert_allclose(triangles(read(f).shapes[0])[0], expected)
+
+
+def test_strides_and_quantised_numbers(read: Any) -> None:
+    f = File()
+    rows = np.zeros((3, 4), np.int16)  # padded to 8 bytes
+    rows[:, :3] = TRIANGLE * 32767
+    view = f.view(rows.tobytes(), byteStride=8)
+    accessor = f.add("accessors", bufferView=view, componentType=5122, type="VEC3", count=3)
+    f.add("meshes", primitives=[{"attributes": {"POSITION": accessor}}])
+    f.add("nodes", mesh=0)
+    assert_allclose(triangles(read(f).shapes[0])[0], 32767 * TRIANGLE)
+    f.json["accessors"][0]["normalized"] = True
+    f.json["extensionsRequired"] = ["KHR_mesh_quantization"]
+    assert_allclose(triangles(read(f).shapes[0])[0], TRIANGLE)
+
+
+def test_primitives_take_only_the_vertices_they_use(read: Any) -> None:
+    f = File()
+    positions = f.array(np.arange(30, dtype=np.float32).reshape(10, 3) ** 2)
+    parts = [f.array(np.array(i, np.uint16)) for i in ([9, 1, 4], [0, 1, 2])]
+    f.add("meshes", primitives=[{"attributes": {"POSITION": positions}, "indices": i}
+                                for i in parts])  # fmt: skip
+    f.add("nodes", mesh=0)
+    first, second = read(f).shapes
+    assert len(first.vertices) == len(second.vertices) == 3
+    assert_allclose(triangles(first)[0, :, 0], [27**2, 3**2, 12**2])
+
+
+def test_meshes_that_are_seen_again_are_instances(read: Any) -> None:
+    f = File()
+    mesh = f.mesh()
+    for x in (0, 5, 9):
+        f.add("nodes", mesh=mesh, translation=[x, 0, 0])
+    f.add("nodes", mesh=mesh, scale=[0, 0, 0])  # hidden
+    (copies,) = read(f).shapes
+    assert isinstance(copies, ph.Instances)
+    assert_allclose(np.asarray(copies.transforms)[:, 0, 3], [0, 5, 9])
+    ph.prepare(read(f))
+
+
+def test_gpu_instancing(read: Any) -> None:
+    f = File()
+    places = np.array([[1, 0, 0], [0, 2, 0]], np.float32)
+    many = {"TRANSLATION": f.array(places), "SCALE": f.array(np.full((2, 3), 3, np.float32))}
+    f.add("nodes", mesh=f.mesh(), translation=[0, 0, 7],
+          extensions={"EXT_mesh_gpu_instancing": {"attributes": many}})  # fmt: skip
+    (copies,) = read(f).shapes
+    expected = np.stack([np.diag([3.0, 3, 3, 1])] * 2)
+    expected[:, :3, 3] = places + np.array([0, 0, 7])
+    assert_allclose(np.asarray(copies.transforms), expected, atol=1e-6)
+
+
+def test_morph_targets(read: Any) -> None:
+    f = File()
+    targets = [{"POSITION": f.array(np.full((3, 3), k, np.float32))} for k in (1.0, 10.0)]
+    mesh = f.mesh(targets=targets)
+    f.json["meshes"][mesh]["weights"] = [0.5, 0.0]
+    f.add("nodes", mesh=mesh)
+    assert_allclose(triangles(read(f).shapes[0])[0], TRIANGLE + 0.5)
+    f.json["nodes"][0]["weights"] = [1.0, 0.25]
+    assert_allclose(triangles(read(f).shapes[0])[0], TRIANGLE + 3.5)
+
+
+def skinned() -> File:
+    """A triangle whose first two corners hang on a joint at x = 1, the third on both alike. The
+    joint is turned by a quarter around z; the other one stays.
+    """
+    f = File()
+    bind = np.stack([np.eye(4, dtype=np.float32)] * 2)
+    bind[0, 3, 0] = -1.0  # by columns: moves x by -1
+    joints = np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 1, 0, 0]], np.uint8)
+    weights = np.array([[1, 0, 0, 0], [1, 0, 0, 0], [1, 1, 0, 0]], np.float32)  # not normalised
+    mesh = f.mesh(JOINTS_0=joints, WEIGHTS_0=weights)
+    f.add("skins", joints=[1, 2], inverseBindMatrices=f.array(bind.reshape(2, 16)))
+    f.add("nodes", mesh=mesh, skin=0, translation=[100, 0, 0])  # which a skin does not heed
+    turn = [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]
+    f.add("nodes", translation=[1, 0, 0], rotation=turn)
+    f.add("nodes")
+    return f
+
+
+def test_a_skin_in_its_pose(read: Any) -> None:
+    # (x - 1, y) turned is (-y, x - 1), and 1 is added to x again
+    expected = [[1, -1, 0], [1, 0, 0], [(0 + 0) / 2, (-1 + 1) / 2, 0]]
+    assert_allclose(triangles(read(skinned()).shapes[0])[0], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("interpolation", "values", "at", "expected"),
+    [
+        ("LINEAR", [[0, 0, 0], [4, 0, 0], [4, 8, 0]], 0.5, [2, 0, 0]),
+        ("LINEAR", [[0, 0, 0], [4, 0, 0], [4, 8, 0]], 2.5, [4, 6, 0]),
+        ("LINEAR", [[0, 0, 0], [4, 0, 0], [4, 8, 0]], 99.0, [4, 8, 0]),
+        ("STEP", [[0, 0, 0], [4, 0, 0], [4, 8, 0]], 2.9, [4, 0, 0]),
+        # tangents in, value, tangents out: (2 t)^3 from 0 to 1 has slope 0 and, at 1, slope 3
+        ("CUBICSPLINE", [[0, 0, 0], [0, 0, 0], [0, 0, 0], [3, 0, 0], [1, 0, 0], [0, 0, 0],
+                         [0, 0, 0], [1, 0, 0], [0, 0, 0]], 0.5, [0.125, 0, 0]),
+    ],
+)  # fmt: skip
+def test_animations_at_a_time(
+    read: Any, interpolation: str, values: Any, at: float, expected: list[float]
+) -> None:
+    f = File()
+    f.add("nodes", mesh=f.mesh(), translation=[50, 50, 50])
+    sampler = {"input": f.array(np.array([0, 1, 3], np.float32)),
+               "output": f.array(np.array(values, np.float32)),
+               "interpolation": interpolation}  # fmt: skip
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    f.add("animations", samplers=[sampler], channels=[channel])
+    assert_allclose(triangles(read(f).shapes[0])[0], TRIANGLE + 50)
+    assert_allclose(triangles(read(f, time=at).shapes[0])[0], TRIANGLE + expected, atol=1e-6)
+
+
+def test_animated_rotations_and_weights(read: Any) -> None:
+    f = File()
+    mesh = f.mesh(targets=[{"POSITION": f.array(np.full((3, 3), 1, np.float32))}])
+    f.add("nodes", mesh=mesh)
+    # from no turn to a half turn around z, the second one written with the other sign
+    turns = np.array([[0, 0, 0, 1], [0, 0, -math.sqrt(0.5), -math.sqrt(0.5)]], np.float32)
+    times = f.array(np.array([0, 2], np.float32))
+    samplers = [{"input": times, "output": f.array(turns)},
+                {"input": times, "output": f.array(np.array([0, 4], np.float32))}]  # fmt: skip
+    channels = [{"sampler": k, "target": {"node": 0, "path": path}}
+                for k, path in enumerate(("rotation", "weights"))]  # fmt: skip
+    f.add("animations", samplers=samplers, channels=channels)
+    c = math.sqrt(0.5)
+    turned = (TRIANGLE + 2) @ np.array([[c, c, 0], [-c, c, 0], [0, 0, 1]])
+    assert_allclose(triangles(read(f, time=1.0).shapes[0])[0], turned, atol=1e-6)
+
+
+def test_nodes_outside_of_the_scene_are_not_seen(read: Any) -> None:
+    f = File()
+    mesh = f.mesh()
+    f.add("nodes", mesh=mesh, name="a")
+    f.add("nodes", mesh=mesh, name="b", translation=[3, 0, 0])
+    hidden = {"KHR_node_visibility": {"visible": False}}
+    f.add("nodes", mesh=mesh, name="c", extensions=hidden)
+    f.add("scenes", nodes=[0])
+    f.add("scenes", nodes=[1, 2])
+    f.json["scene"] = 1
+    (mesh_seen,) = read(f).shapes
+    assert_allclose(triangles(mesh_seen)[0, 0], [3, 0, 0])
+
+
+def test_draco(read: Any) -> None:
+    draco = pytest.importorskip("DracoPy")
+    f = File()
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32)
+    data = draco.encode(points, np.array([[0, 1, 2], [2, 1, 3]]), quantization_bits=14)
+    positions = f.add("accessors", componentType=5126, type="VEC3", count=6)
+    packed = {"bufferView": f.view(data), "attributes": {"POSITION": 0}}
+    primitive = {"attributes": {"POSITION": positions},
+                 "extensions": {"KHR_draco_mesh_compression": packed}}  # fmt: skip
+    f.add("meshes", primitives=[primitive])
+    f.add("nodes", mesh=0)
+    f.json["extensionsRequired"] = ["KHR_draco_mesh_compression"]
+    found = triangles(read(f).shapes[0])
+    assert sorted(found.sum(axis=1)[:, 0].tolist()) == pytest.approx([1, 2], abs=1e-3)
+    f.json["bufferViews"][0]["byteLength"] -= 20
+    with pytest.raises(FormatError, match=r"meshes\[0\].primitives\[0\].extensions.KHR_draco_mesh"):
+        read(f)
+
+
+# --- Materials -----------------------------------------------------------------------------------
+
+
+def test_the_default_material_is_rough_metal(read: Any) -> None:
+    f = File()
+    f.add("nodes", mesh=f.mesh())
+    assert only_material(read(f)) == ph.Material(
+        "principled", color=(1.0, 1.0, 1.0), metallic=1.0, roughness=1.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("extensions", "expected"),
+    [
+        ({"clearcoat": {"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.25}},
+         {"clearcoat": 0.5, "clearcoat_roughness": 0.25}),
+        ({"sheen": {"sheenColorFactor": [1, 0.5, 0], "sheenRoughnessFactor": 0.75}},
+         {"sheen_color": (1, 0.5, 0), "sheen_roughness": 0.75}),
+        ({"iridescence": {"iridescenceFactor": 1, "iridescenceIor": 1.5}},
+         {"iridescence": 1, "iridescence_ior": 1.5, "iridescence_thickness": 400}),
+        ({"ior": {"ior": 2}, "specular": {"specularFactor": 0.5}},
+         {"ior": 2, "specular": 0.5, "specular_color": (1, 1, 1)}),
+        # reflects 4 times as much: 0.16 at normal incidence, as an index of 1.4 / 0.6 does
+        ({"specular": {"specularColorFactor": [4, 2, 0]}},
+         {"ior": 1.4 / 0.6, "specular": 1, "specular_color": (1, 0.5, 0)}),
+        ({"emissive_strength": {"emissiveStrength": 5}}, {"emission": (5, 2.5, 0)}),
+        ({"transmission": {"transmissionFactor": 1},
+          "volume": {"thicknessFactor": 1, "attenuationDistance": 2,
+                     "attenuationColor": [0.25, 1, 1]}},
+         {"transmission": 1, "absorption": (math.log(2), 0, 0)}),
+        # alphas 0.25 across, 0.25 + 0.75 * 0.25 along
+        ({"anisotropy": {"anisotropyStrength": 0.5, "anisotropyRotation": math.pi / 2}},
+         {"anisotropy": 0.1875 / 0.6875, "anisotropy_rotation": 90,
+          "roughness": (0.25 * 0.4375) ** 0.25}),
+        # as metallic as its reflectance is above 0.04: a metal
+        ({"pbrSpecularGlossiness": {"diffuseFactor": [0, 0, 0, 1],
+                                    "specularFactor": [1, 0.5, 0.25], "glossinessFactor": 0.25}},
+         {"color": (1, 0.5, 0.25), "metallic": 1, "roughness": 0.75}),
+        ({"pbrSpecularGlossiness": {"diffuseFactor": [0.5, 0.25, 1, 1],
+                                    "specularFactor": [0.04, 0.04, 0.04]}},
+         {"color": (0.48, 0.24, 0.96), "metallic": 0, "roughness": 0}),
+    ],
+)  # fmt: skip
+def test_extensions_of_materials(
+    read: Any, extensions: dict[str, Any], expected: dict[str, Any]
+) -> None:
+    f = File()
+    f.material(
+        emissiveFactor=[1, 0.5, 0],
+        pbrMetallicRoughness={"metallicFactor": 0, "roughnessFactor": 0.5},
+        extensions={f"KHR_materials_{name}": value for name, value in extensions.items()},
+    )
+    scene = read(f, strict=True)
+    found = only_material(scene)
+    for name, value in expected.items():
+        assert_allclose(found.params[name], value, rtol=1e-4, atol=1e-6, err_msg=name)
+    ph.prepare(scene)
+
+
+def test_panes_without_volume_are_thin(read: Any) -> None:
+    f = File()
+    glass = {"KHR_materials_transmission": {"transmissionFactor": 1.0}}
+    smooth = {"metallicFactor": 0, "roughnessFactor": 0, "baseColorFactor": [1, 0, 0, 1]}
+    f.material(extensions=glass, pbrMetallicRoughness=smooth)
+    found = only_material(read(f, strict=True))
+    assert found == ph.Material("thin_dielectric", ior=1.5, transmittance=(1.0, 0.0, 0.0))
+    glass["KHR_materials_transmission"]["transmissionFactor"] = 0.25
+    found = only_material(read(f, strict=True))
+    assert (found.type, found.params["weight"]) == ("blend", 0.25)
+    ph.prepare(read(f))
+
+
+def test_unlit_surfaces_are_as_bright_as_their_colour(read: Any) -> None:
+    f = File()
+    f.material(
+        extensions={"KHR_materials_unlit": {}},
+        pbrMetallicRoughness={"baseColorFactor": [0.5, 0.25, 0.125, 1]},
+    )
+    image = ph.render(read(f), width=9, height=9, spp=1, filter="box")
+    assert_allclose(image.pixels[5, 4], [0.5, 0.25, 0.125])
+
+
+def texels(texture: Any) -> NDArray[Any]:
+    return np.asarray(texture.params["image"])
+
+
+def test_factors_are_multiplied_into_textures(read: Any) -> None:
+    f = File()
+    pixels = np.array([[[255, 128, 0], [64, 200, 100]]], np.uint8)
+    info = f.picture(pixels)
+    f.material(
+        emissiveFactor=[1, 1, 1],
+        emissiveTexture=info,
+        extensions={"KHR_materials_emissive_strength": {"emissiveStrength": 8}},
+        pbrMetallicRoughness={
+            "baseColorTexture": info,
+            "baseColorFactor": [1, 0.5, 0.25, 1],
+            "metallicRoughnessTexture": info,
+            "metallicFactor": 1,
+            "roughnessFactor": 0.5,
+        },
+    )
+    found = only_material(read(f)).params
+    linear = np.where(
+        pixels <= 10.31, pixels / 255 / 12.92, ((pixels / 255 + 0.055) / 1.055) ** 2.4
+    )
+    wanted = linear * (1, 0.5, 0.25)
+    stored = texels(found["color"]) / 255
+    assert_allclose(np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4),
+                    wanted, atol=0.005)  # fmt: skip
+    assert found["color"].params["color_space"] == "srgb"
+    assert_allclose(texels(found["emission"]), 8 * linear, rtol=1e-5)
+    assert found["emission"].params["color_space"] == "linear"
+    assert texels(found["metallic"]) is not None
+    assert found["metallic"].params["channel"] == "b"
+    assert_allclose(texels(found["roughness"]), [[64, 100]])
+
+
+def test_normals_are_scaled(read: Any) -> None:
+    f = File()
+    tilted = np.array([0.6, 0.0, 0.8])
+    pixels = np.round((tilted * 0.5 + 0.5) * 255).astype(np.uint8).reshape(1, 1, 3)
+    f.material(normalTexture={**f.picture(pixels), "scale": 0.5})
+    found = texels(only_material(read(f)).params["normal_map"]) / 65535 * 2 - 1
+    expected = np.array([0.3, 0.0, 0.8]) / np.hypot(0.3, 0.8)
+    assert_allclose(found[0, 0], expected, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [("OPAQUE", None), ("BLEND", [[51, 102, 204]]), ("MASK", [[0, 0, 255]])],
+)
+def test_alpha_modes(read: Any, mode: str, expected: Any) -> None:
+    f = File()
+    pixels = np.full((1, 3, 4), 255, np.uint8)
+    pixels[0, :, 3] = (51, 102, 204)
+    pbr = {"baseColorTexture": f.picture(pixels)}
+    f.material(alphaMode=mode, alphaCutoff=0.75, pbrMetallicRoughness=pbr)
+    opacity = only_material(read(f)).params.get("opacity")
+    if expected is None:
+        assert opacity is None
+    elif mode == "BLEND":
+        assert opacity.params["channel"] == "a"
+        assert_allclose(texels(opacity)[:, :, 3], expected)
+    else:
+        # halfway between 0.4 and 0.8 lies 0.6; 0.75 is nearer to the last texel
+        assert texels(opacity)[0, 0] == 0
+        assert 0 < texels(opacity)[0, 2] < 255
+    pbr.pop("baseColorTexture")
+    pbr["baseColorFactor"] = [1, 1, 1, 0.25]  # type: ignore[assignment]
+    wanted = {"OPAQUE": None, "BLEND": 0.25, "MASK": 0.0}[mode]
+    assert only_material(read(f)).params.get("opacity") == wanted
+
+
+def quad(f: File, info: dict[str, Any]) -> None:
+    """A square of 2 x 2 in the middle, unlit, straight before an orthographic camera."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
+    uv = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)  # v runs down
+    material = f.add(
+        "materials",
+        extensions={"KHR_materials_unlit": {}},
+        pbrMetallicRoughness={"baseColorTexture": info},
+    )
+    indices = f.array(np.array([0, 1, 2, 0, 2, 3], np.uint16))
+    f.add("nodes", mesh=f.mesh(corners, TEXCOORD_0=uv, indices=indices, material=material))
+    f.add(
+        "cameras", type="orthographic", orthographic={"xmag": 1, "ymag": 1, "zfar": 9, "znear": 1}
+    )
+    f.add("nodes", camera=0, translation=[0, 0, 3])
+
+
+# red, green / blue, white
+FOUR = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]], np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("transform", "corners"),
+    [
+        ({}, "RGBW"),
+        ({"offset": [0.5, 0]}, "GRWB"),
+        ({"offset": [0, 0.5]}, "BWRG"),
+        # coordinates turned against the clock turn the picture with it
+        ({"rotation": math.pi / 2}, "BRWG"),
+        ({"scale": [0.5, 0.5]}, "RRRR"),
+        # first scaled, then turned, then moved
+        ({"scale": [0.5, 0.5], "rotation": math.pi / 2, "offset": [0.5, 1.0]}, "WWWW"),
+    ],
+)
+def test_texture_transforms(read: Any, transform: dict[str, Any], corners: str) -> None:
+    f = File()
+    info: dict[str, Any] = f.picture(FOUR, magFilter=9728)
+    quad(f, {**info, "extensions": {"KHR_texture_transform": transform}})
+    scene = read(f)
+    assert scene.settings.width == scene.settings.height
+    image = ph.render(scene, width=2, height=2, spp=4, filter="box").pixels
+    letters = {(1, 0, 0): "R", (0, 1, 0): "G", (0, 0, 1): "B", (1, 1, 1): "W"}
+    got = "".join(letters[tuple(np.round(p).astype(int).tolist())] for p in image.reshape(-1, 3))
+    assert got == corners
+
+
+def test_wrap_modes_and_filters(read: Any) -> None:
+    f = File()
+    quad(f, f.picture(FOUR, wrapS=33071, wrapT=33648))
+    found = only_material(read(f)).params["emission"].params
+    assert (found["wrap_u"], found["wrap_v"], found["filter"]) == ("clamp", "mirror", "mip")
+
+
+def test_a_second_set_of_texture_coordinates(read: Any, caplog: Any) -> None:
+    f = File()
+    uv = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
+    made = f.add("materials", pbrMetallicRoughness={
+        "baseColorTexture": {**f.picture(FOUR), "texCoord": 1},
+        "metallicRoughnessTexture": {**f.picture(FOUR), "texCoord": 0}})  # fmt: skip
+    f.add("nodes", mesh=f.mesh(TEXCOORD_0=uv, TEXCOORD_1=uv / 2, material=made))
+    scene = read(f)
+    assert "another set of texture coordinates" in caplog.text
+    (mesh,) = scene.shapes
+    assert_allclose(np.asarray(mesh.uvs), np.stack([uv[:, 0] / 2, 1 - uv[:, 1] / 2], axis=1))
+    assert only_material(scene).params["roughness"] == pytest.approx(0.5)  # the mean
+
+
+def test_vertex_colours(read: Any, caplog: Any) -> None:
+    f = File()
+    colors = np.array([[1, 0, 0, 0.5], [0, 1, 0, 1], [0, 0, 1, 1]], np.float32)
+    pbr: dict[str, Any] = {"baseColorFactor": [0.5, 0.5, 0.5, 0.5]}
+    made = f.add("materials", alphaMode="BLEND", pbrMetallicRoughness=pbr)
+    f.add("nodes", mesh=f.mesh(COLOR_0=colors, TEXCOORD_0=TRIANGLE[:, :2], material=made))
+    scene = read(f, strict=True)
+    params = only_material(scene).params
+    assert params["color"] == ph.Texture("attribute", name="vertex_color")
+    assert params["opacity"] == ph.Texture("attribute", name="vertex_alpha")
+    attributes = scene.shapes[0].attributes
+    assert_allclose(attributes["vertex_color"], 0.5 * colors[:, :3])
+    assert_allclose(attributes["vertex_alpha"], [0.25, 0.5, 0.5])
+    ph.prepare(scene)
+    pbr["baseColorTexture"] = f.picture(FOUR)
+    assert read(f).shapes[0].attributes == {}
+    assert "vertex colours" in caplog.text
+
+
+def test_vertex_colours_that_are_all_the_same_are_a_factor(read: Any) -> None:
+    f = File()
+    half = np.full((3, 3), 128, np.uint8)
+    accessor = f.array(half, normalized=True)
+    made = f.add("materials", pbrMetallicRoughness={"baseColorFactor": [1, 0.5, 1, 1]})
+    f.add("nodes", mesh=f.mesh(COLOR_0=accessor, material=made))
+    assert only_material(read(f)).params["color"] == pytest.approx((128 / 255, 64 / 255, 128 / 255))
+
+
+def test_variants(read: Any) -> None:
+    f = File()
+    red, blue = (f.add("materials", name=n) for n in ("red", "blue"))
+    mappings = {"KHR_materials_variants": {"mappings": [{"material": blue, "variants": [1]}]}}
+    f.add("nodes", mesh=f.mesh(material=red, extensions=mappings))
+    names = {"variants": [{"name": "day"}, {"name": "night"}]}
+    f.json["extensions"] = {"KHR_materials_variants": names}
+    assert list(read(f).materials) == ["red"]
+    assert list(read(f, variant="day").materials) == ["red"]
+    assert list(read(f, variant="night").materials) == ["blue"]
+    with pytest.raises(FormatError, match=r"unknown variant 'dusk'.*choices: day, night"):
+        read(f, variant="dusk")
+
+
+# --- Lights and cameras --------------------------------------------------------------------------
+
+
+def lamps(f: File, *lights: dict[str, Any]) -> None:
+    f.json["extensions"] = {"KHR_lights_punctual": {"lights": list(lights)}}
+    down = [-math.sqrt(0.5), 0, 0, math.sqrt(0.5)]  # -z becomes -y
+    for i in range(len(lights)):
+        extension = {"KHR_lights_punctual": {"light": i}}
+        f.add("nodes", translation=[0, 4, 0], rotation=down, extensions=extension)
+
+
+def test_lights_are_in_candela_and_lux(read: Any) -> None:
+    f = File()
+    f.add("nodes", mesh=f.mesh())
+    lamps(
+        f,
+        {"type": "point", "intensity": 6830.0, "color": [1, 0.5, 0]},
+        {"type": "directional", "intensity": 683.0},
+        {"type": "spot", "intensity": 6830.0,
+         "spot": {"innerConeAngle": math.pi / 6, "outerConeAngle": math.pi / 3}},
+    )  # fmt: skip
+    scene = read(f)
+    assert scene.background is None
+    point, sun, spot = scene.lights
+    assert_allclose(point.params["intensity"], (10, 5, 0))
+    assert_allclose(point.params["position"], (0, 4, 0))
+    assert_allclose(sun.params["irradiance"], (1, 1, 1))
+    assert_allclose(sun.params["direction"], (0, -1, 0), atol=1e-6)
+    assert_allclose(spot.params["direction"], (0, -1, 0), atol=1e-6)
+    assert_allclose((spot.params["beam_width"], spot.params["cutoff_angle"]), (30, 60))
+    ph.prepare(scene)
+
+
+def test_lights_too_dim_for_lux_are_taken_as_radiometric(read: Any) -> None:
+    f = File()
+    f.add("nodes", mesh=f.mesh())
+    lamps(f, {"type": "directional", "intensity": 3.0})
+    assert_allclose(read(f).lights[0].params["irradiance"], (3, 3, 3))
+
+
+def test_a_camera_and_its_proportions(read: Any) -> None:
+    f = File()
+    perspective = {"yfov": math.radians(50), "aspectRatio": 2.0, "znear": 0.1}
+    f.add("cameras", type="perspective", perspective=perspective)
+    turn = [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)]  # -z becomes -x
+    f.add("nodes", camera=0, translation=[9, 1, 0], rotation=turn)
+    scene = read(f)
+    camera = scene.camera
+    assert camera.vfov == pytest.approx(50)
+    assert_allclose(camera.eye, (9, 1, 0))
+    assert_allclose(np.subtract(camera.target, camera.eye), (-1, 0, 0), atol=1e-6)
+    assert_allclose(camera.up, (0, 1, 0), atol=1e-6)
+    assert (scene.settings.width, scene.settings.height) == (640, 320)
+
+
+# --- What is broken or not supported -------------------------------------------------------------
+
+
+def broken(change: Any) -> File:
+    """A good file with a triangle, normals, indices and a picture, which `change` spoils."""
+    f = File()
+    normals = np.tile(np.array([[0, 0, 1]], np.float32), (3, 1))
+    indices = f.array(np.array([0, 1, 2], np.uint16))  # accessors 0, 1: normals, 2: positions
+    uv = np.zeros((3, 2), np.float32)
+    mesh = f.mesh(NORMAL=f.array(normals), indices=indices, TEXCOORD_0=uv)
+    f.json["meshes"][mesh]["primitives"][0]["material"] = f.material(
+        pbrMetallicRoughness={"baseColorTexture": f.picture(FOUR)}
+    )
+    f.add("nodes", mesh=mesh)
+    change(f.json)
+    return f
+
+
+def put(*path: Any) -> Any:
+    """A change: the last of the path is put where the others lead."""
+
+    def change(document: Any) -> None:
+        *place, key, value = path
+        for step in place:
+            document = document[step]
+        document[key] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (put("asset", {}), r"asset: Object missing required field version"),
+        (put("asset", "version", "1.0"), r"asset.version is '1.0'"),
+        (put("extensionsRequired", ["EXT_new"]), r"requires the extension 'EXT_new'"),
+        (put("nodes", 1, "mesh", 9), r"nodes\[1\].mesh is 9; the file has 2, from 0, in 'meshes'"),
+        (put("nodes", 1, "mesh", -1), r"nodes\[1\].mesh: Expected int >= 0"),
+        (put("nodes", 1, "children", [1]), r"nodes\[1\].children\[0\] is the node itself"),
+        (put("nodes", 1, "children", [7]), r"nodes\[1\].children\[0\] is 7; the file has 2"),
+        (put("nodes", 1, "translation", [1, 2]), r"nodes\[1\].translation: Expected array of"),
+        (put("nodes", 1, "scale", [1e39, 1e39, 1e39]), r"primitives\[0\], where it is placed: element 1"),
+        (put("nodes", 1, "matrix", [0] * 15 + [2]), r"nodes\[1\].matrix: its last row"),
+        (put("scenes", [{"nodes": [8]}]), r"scenes\[0\].nodes\[0\] is 8"),
+        (put("scene", 3), None),
+        (put("accessors", 2, "count", 4_000_000_000), r"accessors\[2\]: 4000000000 elements need"),
+        (put("accessors", 1, "count", 2), r"attributes.NORMAL: has another number of elements"),
+        (put("accessors", 0, "count", 4_000_000_000), r"accessors\[0\]: 4000000000 elements need"),
+        (put("accessors", 0, "componentType", 5122), r"accessor 0 holds int16; must be unsigned"),
+        (put("accessors", 0, "componentType", 1), r"accessors\[0\].componentType: is 1; must be"),
+        (put("accessors", 0, "type", "VEC9"), r"accessors\[0\] is of type 'VEC9'; must be SCALAR"),
+        (put("accessors", 0, "bufferView", 99), r"accessors\[0\].bufferView is 99; the file has"),
+        (put("accessors", 0, "byteOffset", 2**40), r"accessors\[0\]: 3 elements need"),
+        (put("bufferViews", 0, "byteLength", 2**40), r"bufferViews\[0\]: bytes 0 to 1099511627776"),
+        (put("bufferViews", 0, "buffer", 5), r"bufferViews\[0\].buffer is 5; the file has 1"),
+        (put("bufferViews", 0, "byteStride", 0), r"bufferViews\[0\].byteStride: Expected int >= 4"),
+        (put("meshes", 0, "primitives", 0, "mode", 9), r"primitives\[0\].mode is 9"),
+        (put("meshes", 0, "primitives", 0, "material", 9), r"primitives\[0\].material is 9"),
+        (put("materials", 0, "alphaMode", "HAZE"), r"materials\[0\].alphaMode is 'HAZE'; must be"),
+        (put("materials", 0, "pbrMetallicRoughness", {"metallicFactor": 7}),
+         r"materials\[0\].pbrMetallicRoughness.metallicFactor: Expected float <="),
+        (put("materials", 0, "extensions", {"KHR_materials_ior": {"ior": "x"}}),
+         r"materials\[0\].extensions.KHR_materials_ior.ior: Expected float"),
+        (put("textures", 0, "source", 4), r"textures\[0\].source is 4"),
+        (put("images", 0, {"uri": "http://example.com/a.png"}), r"images\[0\].uri: is a http: URI"),
+        (put("images", 0, {"uri": "../../etc/a.png"}), r"images\[0\].uri: .* not inside the scene"),
+        (put("images", 0, {"uri": "a.png"}), r"images\[0\].uri: 'a.png': no such file"),
+        (put("images", 0, {"bufferView": 0}), r"images\[0\]: is none of PNG, JPEG and WebP"),
+        (put("images", 0, {}), r"images\[0\]: has neither uri nor bufferView"),
+        (put("images", 0, {"uri": "data:image/png,x"}), r"images\[0\].uri: is a data: URI without"),
+        (put("images", 0, {"uri": "data:;base64,%%"}), r"images\[0\].uri: is no base64 text"),
+    ],
+)  # fmt: skip
+def test_what_is_broken_is_named(read: Any, change: Any, text: str | None) -> None:
+    f = broken(change)
+    if text is None:  # a default scene that says nothing where there are no scenes
+        read(f)
+        return
+    with pytest.raises(FormatError, match=r"scene\.gltf: .*" + text):
+        ph.prepare(read(f))
+
+
+def test_the_file_that_is_spoilt_is_good(read: Any) -> None:
+    ph.prepare(read(broken(lambda _: None), strict=True))
+
+
+def test_bad_numbers_in_arrays_are_named(read: Any) -> None:
+    f = File()
+    positions = TRIANGLE.copy()
+    positions[1, 2] = np.nan
+    f.add("nodes", mesh=f.mesh(positions))
+    with pytest.raises(FormatError, match=r"attributes.POSITION: element 1 is not finite"):
+        read(f)
+    f = File()
+    f.add("nodes", mesh=f.mesh(indices=f.array(np.array([0, 1, 77], np.uint8))))
+    with pytest.raises(
+        FormatError, match=r"indices: element 0 refers to vertex 77; .* has 3, from"
+    ):
+        read(f)
+    f = skinned()
+    f.json["skins"][0]["joints"] = [1]
+    with pytest.raises(FormatError, match=r"vertex 2 refers to joint 1; the skin has 1, from 0"):
+        read(f)
+
+
+def test_cycles_of_nodes(read: Any) -> None:
+    f = File()
+    f.add("nodes", mesh=f.mesh())
+    for child in (2, 3, 1):
+        f.add("nodes", children=[child])
+    with pytest.raises(FormatError, match=r"nodes\[1\]: is its own ancestor"):
+        read(f)
+    f.json["nodes"][3]["children"] = []
+    f.json["nodes"][0]["children"] = [2]
+    with pytest.raises(FormatError, match=r"nodes\[1\].children\[0\] is nodes\[0\]'s too"):
+        read(f)
+
+
+def test_deep_trees_and_deep_json(read: Any) -> None:
+    f = File()
+    mesh = f.mesh()
+    depth = 20_000
+    for i in range(depth):
+        f.add("nodes", translation=[0, 0, 1], **({"children": [i + 1]} if i < depth - 1 else {}))
+    f.json["nodes"][-1]["mesh"] = mesh
+    assert np.asarray(read(f).shapes[0].vertices)[0, 2] == depth
+    deep = b'{"asset": {"version": "2.0"}, "extras": ' + b"[" * depth + b"]" * depth + b"}"
+    with pytest.raises(FormatError, match="nested too deeply"):
+        read(deep)
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        (b"", "is empty"),
+        (b"  \n", "is empty"),
+        (b'{"asset": {"version": "2.0"}', "its JSON is not complete"),
+        (b'{"asset": {"version": "2.0"}, "nodes": [1e999]}', r"nodes\[0\]: "),
+        (b'{"asset": {"version": "2.0"}, "scene": NaN}', "malformed"),
+        (b"\x00\xff\x00\xff", "malformed"),
+        (b'{"asset": {"version": "2.0"}, "nodes": [{"name": "\xff"}]}', "scene.gltf: "),
+        (b"glTF", "has 4 bytes"),
+        (b"glTF" + struct.pack("<IIII", 1, 20, 0, 0), "version 1 of the .glb format"),
+        (b"glTF" + struct.pack("<IIII", 2, 4_000_000_000, 0, 0), "is cut off"),
+        (b"glTF" + struct.pack("<IIII", 2, 20, 2**31, 0x4E4F534A), "reaches beyond the end"),
+        (b"glTF" + struct.pack("<IIII", 2, 20, 0, 7), "has no JSON chunk"),
+    ],
+)
+def test_no_documents(read: Any, data: bytes, text: str) -> None:
+    with pytest.raises(FormatError, match=text):
+        read(data)
+
+
+def test_memory_stays_in_proportion(read: Any) -> None:
+    f = File()
+    mesh = f.mesh()
+    # 100,000 vertices in 1.2 MB, ten thousand times over
+    big = f.array(np.zeros((100_000, 3), np.float32))
+    f.json["meshes"][mesh]["primitives"] = [{"attributes": {"POSITION": big}}] * 10_000
+    f.add("nodes", mesh=mesh)
+    with pytest.raises(FormatError, match=r"asks for more than .* bytes of memory"):
+        read(f)
+    f = File()
+    zeros = f.add("accessors", componentType=5126, type="VEC3", count=4_000_000_000)
+    f.add("meshes", primitives=[{"attributes": {"POSITION": zeros}}])
+    f.add("nodes", mesh=0)
+    with pytest.raises(FormatError, match="4000000000 elements without data"):
+        read(f)
+
+
+def test_pictures_of_too_many_pixels_are_refused(read: Any) -> None:
+    png = bytearray(encoded(FOUR, {}, ".png"))
+    png[16:24] = struct.pack(">II", 2**15, 2**15)  # what its header says
+    f = File()
+    image = f.add("images", bufferView=f.view(bytes(png)))
+    texture = {"index": f.add("textures", source=image)}
+    f.material(pbrMetallicRoughness={"baseColorTexture": texture})
+    with pytest.raises(
+        FormatError, match=r"images\[0\]: (has 32768 x 32768 pixels|cannot be read)"
+    ):
+        read(f)
+
+
+def test_what_is_not_supported_is_told(read: Any, caplog: Any) -> None:
+    f = File()
+    f.material(
+        extensions={
+            "KHR_materials_dispersion": {"dispersion": 1},
+            "KHR_materials_clearcoat": {
+                "clearcoatFactor": 1,
+                "clearcoatNormalTexture": f.picture(FOUR),
+            },
+        },
+    )
+    f.json["extensionsUsed"] = ["KHR_materials_dispersion", "EXT_magic"]
+    with caplog.at_level(logging.WARNING):
+        read(f)
+    for name in ("KHR_materials_dispersion", "clearcoatNormalTexture", "EXT_magic"):
+        assert name in caplog.text
+    with pytest.raises(FormatError, match="strict, and not all of it is supported"):
+        read(f, strict=True)
+
+
+def test_a_time_without_animations(read: Any) -> None:
+    with pytest.raises(FormatError, match="the file has no animations"):
+        read(File(), time=1.0)
+
+
+def test_mutated_files_raise_only_format_errors(tmp_path: Path) -> None:
+    """A thousand files, some bytes of each changed: no crash, and one kind of error."""
+    f = skinned()
+    f.material(pbrMetallicRoughness={"baseColorTexture": f.picture(FOUR)}, alphaMode="MASK")
+    whole = np.frombuffer(f.glb(), np.uint8)
+    rng = np.random.default_rng(1)
+    path = tmp_path / "scene.glb"
+    failed = 0
+    for _ in range(1000):
+        data = whole.copy()
+        places = rng.integers(0, len(data), rng.integers(1, 6))
+        data[places] = rng.integers(0, 256, len(places))
+        path.write_bytes(data.tobytes())
+        try:
+            load(path)
+        except FormatError as error:
+            assert str(error).startswith(str(path))  # noqa: PT017
+            failed += 1
+    assert 0 < failed < 1000
+
+
+# --- Files of others -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "shapes", "faces", "materials"),
+    [
+        ("DamagedHelmet/DamagedHelmet.glb", 1, 15452, 1),
+        ("khronos-small/BoxTextured.glb", 1, 12, 1),
+        ("khronos-small/Duck.glb", 1, 4212, 1),
+        ("khronos-small/CesiumMilkTruck.glb", 4, 2856, 4),
+        ("blender-io-roundtrip/01_alpha_mask/01_alpha_mask.gltf", 1, 2, 1),
+        ("blender-io-roundtrip/04_lights/04_lights.gltf", 1, 2, 1),
+        ("blender-io-roundtrip/05_metallic_sphere_light/05_metallic_sphere_light.gltf", 2, 962, 2),
+        ("blender-io-roundtrip/09_texture_transform/09_texture_transform.gltf", 1, 2, 1),
+        ("blender-io-roundtrip/14_emission_strength/14_emission_strength.gltf", 18, 17280, 18),
+        ("blender-io-roundtrip/15_transmission/15_transmission.gltf", 5, 4800, 5),
+        ("blender-io-roundtrip/16_volume/16_volume.gltf", 20, 236, 20),
+        ("blender-io-roundtrip/17_ior/17_ior.gltf", 5, 60, 5),
+        ("blender-io-roundtrip/19_sheen/19_sheen.gltf", 7, 6720, 7),
+    ],
+)
+def test_shared_scenes(
+    shared_scenes: Path, name: str, shapes: int, faces: int, materials: int
+) -> None:
+    scene = load(shared_scenes / "gltf" / name)
+    meshes = [m for s in scene.shapes for m in getattr(s, "shapes", [s])]
+    assert len(scene.shapes) == shapes
+    assert sum(len(np.asarray(m.faces)) for m in meshes) == faces
+    assert len(scene.materials) == materials
+    ph.prepare(scene)
