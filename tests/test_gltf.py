@@ -736,7 +736,7 @@ def put(*path: Any) -> Any:
         (put("nodes", 1, "children", [1]), r"nodes\[1\].children\[0\] is the node itself"),
         (put("nodes", 1, "children", [7]), r"nodes\[1\].children\[0\] is 7; the file has 2"),
         (put("nodes", 1, "translation", [1, 2]), r"nodes\[1\].translation: Expected array of"),
-        (put("nodes", 1, "scale", [1e39, 1e39, 1e39]), r"primitives\[0\], where it is placed: element 1"),
+        (put("nodes", 1, "scale", [1e39] * 3), r"\[0\], where it is placed: element 1 is not"),
         (put("nodes", 1, "matrix", [0] * 15 + [2]), r"nodes\[1\].matrix: its last row"),
         (put("scenes", [{"nodes": [8]}]), r"scenes\[0\].nodes\[0\] is 8"),
         (put("scene", 3), None),
