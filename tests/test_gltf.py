@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import logging
 import math
@@ -16,9 +17,10 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 import parhelion as ph
-from parhelion.errors import FormatError
+from parhelion.errors import FormatError, SceneError
 from parhelion.image import encoded
 from parhelion.io import LoadOptions, load
+from parhelion.io.gltf import meshopt, schema
 
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 _COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
@@ -374,6 +376,130 @@ def test_draco(read: Any) -> None:
     assert sorted(found.sum(axis=1)[:, 0].tolist()) == pytest.approx([1, 2], abs=1e-3)
     f.json["bufferViews"][0]["byteLength"] -= 20
     with pytest.raises(FormatError, match=r"meshes\[0\].primitives\[0\].extensions.KHR_draco_mesh"):
+        read(f)
+
+
+# --- EXT_meshopt_compression ---------------------------------------------------------------------
+
+
+def compressed(values: NDArray[np.uint8]) -> bytes:
+    """A stream of attributes, (N, stride) bytes: every group in the fewest bits."""
+    count, stride = values.shape
+    block = min(8192 // stride // 16 * 16, 256)
+    signed = np.diff(values, axis=0, prepend=values[:1]).view(np.int8).astype(int)
+    zigzag = np.where(signed < 0, -2 * signed - 1, 2 * signed)
+    out = bytearray([0xA0])
+    for first in range(0, count, block):
+        part = zigzag[first : first + block]
+        part = np.pad(part, ((0, -len(part) % 16), (0, 0)))
+        for column in part.T:
+            modes, body = [], bytearray()
+            for group in column.reshape(-1, 16):
+                choices = {0: b"" if not group.any() else None, 3: bytes(group.tolist())}
+                for mode, bits in ((1, 2), (2, 4)):
+                    top, size = 2**bits - 1, 8 // bits
+                    small = np.minimum(group, top).reshape(-1, size)
+                    weights = 2 ** (bits * np.arange(size)[::-1])
+                    own = bytes(group[group >= top].tolist())
+                    choices[mode] = bytes((small @ weights).tolist()) + own
+                mode = min((len(c), m) for m, c in choices.items() if c is not None)[1]
+                modes.append(mode)
+                body += choices[mode] or b""
+            modes += [0] * (-len(modes) % 4)
+            out += bytes(sum(m << 2 * k for k, m in enumerate(modes[i : i + 4]))
+                         for i in range(0, len(modes), 4))  # fmt: skip
+            out += body
+    return bytes(out) + bytes(max(32 - stride, 0)) + values[0].tobytes()
+
+
+def packed_view(f: File, data: bytes, size: int, **fields: Any) -> int:
+    """A view of `size` bytes that lie compressed in the buffer."""
+    place = f.view(data)
+    extension = {**f.json["bufferViews"][place], **fields}
+    return f.add("bufferViews", buffer=1, byteLength=size,
+                 extensions={"EXT_meshopt_compression": extension})  # fmt: skip
+
+
+def unpacked(data: bytes, count: int, stride: int, mode: str, filter: str = "NONE") -> bytes:
+    return meshopt.decode(
+        memoryview(data),
+        schema.Meshopt(buffer=0, byte_length=len(data), byte_stride=stride, count=count, mode=mode,
+                       filter=filter),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("count", "stride"), [(1, 4), (16, 12), (300, 16), (513, 64), (70, 256)])
+def test_meshopt_attributes(count: int, stride: int) -> None:
+    rng = np.random.default_rng(count)
+    steps = rng.integers(0, 256, (count, stride)) * (rng.random((count, stride)) < 0.1)
+    steps += rng.integers(-1, 2, (count, stride)) * (np.arange(stride) % 3)
+    values = np.cumsum(steps, axis=0).astype(np.uint8)
+    data = compressed(values)
+    assert unpacked(data, count, stride, "ATTRIBUTES") == values.tobytes()
+    for short in range(len(data) - 1, 0, -7):
+        with contextlib.suppress(SceneError):
+            unpacked(data[:short], count, stride, "ATTRIBUTES")
+
+
+def test_meshopt_triangles() -> None:
+    codes = [0xF0, 0x10, 0x02, 0x0F, 0x0E, 0x0D, 0xFF, 0xFE]
+    # +7; an index, another, the newest vertex: +93 and -50; begin anew at 0
+    data = bytes([0xE1, *codes, 14, 0xF1, 0xBA, 0x01, 99, 0x00]) + bytes(16)
+    expected = [0, 1, 2, 2, 1, 3, 2, 3, 1, 2, 1, 7, 2, 7, 8, 2, 8, 7, 100, 50, 7, 0, 1, 2]
+    found = np.frombuffer(unpacked(data, 24, 4, "TRIANGLES"), np.uint32)
+    assert found.tolist() == expected
+    with pytest.raises(SceneError, match="more bytes than"):
+        unpacked(data[:-16] + bytes(17), 24, 4, "TRIANGLES")
+    with pytest.raises(SceneError, match="ends too early"):
+        unpacked(data[:10] + bytes([0xFF]) * 2 + bytes(16), 24, 4, "TRIANGLES")
+
+
+def test_meshopt_indices() -> None:
+    # by turns +5 of the first line of indices and +1000 and -1 of the second
+    numbers = [5 << 2, 1000 << 2 | 1, 5 << 2, 3]
+    body = b"".join(
+        bytes([n & 127 | 128] * (n > 127) + [n >> 7 if n > 127 else n]) for n in numbers
+    )
+    data = b"\xd1" + body + bytes(4)
+    assert np.frombuffer(unpacked(data, 4, 2, "INDICES"), np.uint16).tolist() == [5, 1000, 10, 999]
+    with pytest.raises(SceneError, match="has 4 indices; count is 5"):
+        unpacked(data, 5, 2, "INDICES")
+
+
+@pytest.mark.parametrize(
+    ("filter", "stored", "expected"),
+    [
+        ("OCTAHEDRAL", np.array([[0, 0, 127, 9], [127, 127, 127, 9], [127, 0, 127, 9],
+                                 [0, -7, 7, 9]], np.int8),
+         np.array([[0, 0, 127, 9], [0, 0, -127, 9], [127, 0, 0, 9], [0, -127, 0, 9]], np.int8)),
+        ("QUATERNION", np.array([[0, 0, 0, 32767], [32767, 0, 0, 32764]], np.int16),
+         np.array([[0, 0, 0, 32767], [23170, 23170, 0, 0]], np.int16)),
+        ("EXPONENTIAL", np.array([[0xFF000003], [0x02FFFFFF]], np.uint32),
+         np.array([[1.5], [-4.0]], np.float32)),
+    ],
+)  # fmt: skip
+def test_meshopt_filters(filter: str, stored: NDArray[Any], expected: NDArray[Any]) -> None:
+    rows = stored.view(np.uint8).reshape(len(stored), -1)
+    data = unpacked(compressed(rows), len(rows), rows.shape[1], "ATTRIBUTES", filter)
+    found = np.frombuffer(data, expected.dtype).reshape(expected.shape)
+    assert_allclose(found, expected, atol=1 if expected.dtype.kind == "i" else 0)
+
+
+def test_a_mesh_in_compressed_views(read: Any) -> None:
+    f = File()
+    rows = TRIANGLE.view(np.uint8).reshape(3, 12)
+    view = packed_view(f, compressed(rows), 36, byteStride=12, count=3, mode="ATTRIBUTES")
+    positions = f.add("accessors", bufferView=view, componentType=5126, type="VEC3", count=3)
+    f.add("meshes", primitives=[{"attributes": {"POSITION": positions}}])
+    f.add("nodes", mesh=0)
+    f.json["extensionsRequired"] = ["EXT_meshopt_compression"]
+    assert_allclose(triangles(read(f).shapes[0])[0], TRIANGLE)
+    extension = f.json["bufferViews"][view]["extensions"]["EXT_meshopt_compression"]
+    extension["mode"] = "MAGIC"
+    with pytest.raises(FormatError, match=r"bufferViews\[1\].extensions.*unknown mode 'MAGIC'"):
+        read(f)
+    extension |= {"mode": "ATTRIBUTES", "count": 2**40}
+    with pytest.raises(FormatError, match=r"are not the 36 of the view"):
         read(f)
 
 

@@ -22,6 +22,7 @@ T = TypeVar("T")
 # Extensions that are read, besides those that change nothing here
 _READ = {
     "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
     "EXT_texture_webp",
     "KHR_animation_pointer",
     "KHR_draco_mesh_compression",
@@ -65,6 +66,7 @@ class Source:
         self.folders = Folders(path.parent, options.allow_paths)
         self.reports = Reports(path, options.strict)
         self._buffers: dict[int, memoryview] = {}
+        self._views: dict[int, memoryview] = {}  # that were compressed
         data = _read(path)
         self.bytes = len(data)
         self._spent = 0
@@ -176,6 +178,10 @@ class Source:
         """The bytes of a buffer view."""
         view = self.item(self.document.buffer_views, "bufferViews", index, where)
         place = f"bufferViews[{index}]"
+        packed = self.extension(view, "EXT_meshopt_compression", schema.Meshopt, place)
+        if packed is not None:
+            where = f"{place}.extensions.EXT_meshopt_compression"
+            return self._unpacked(index, view, packed, where)
         return self.part(view.buffer, view.byte_offset, view.byte_length, place)
 
     def part(self, buffer: int, offset: int, length: int, where: str) -> memoryview:
@@ -187,6 +193,26 @@ class Source:
                 f" {buffer}, which has {len(data)}"
             )
         return data[offset : offset + length]
+
+    def _unpacked(
+        self, index: int, view: schema.BufferView, packed: schema.Meshopt, where: str
+    ) -> memoryview:
+        """The bytes of a view that is compressed."""
+        from . import meshopt
+
+        if index not in self._views:
+            data = self.part(packed.buffer, packed.byte_offset, packed.byte_length, where)
+            if packed.count * packed.byte_stride != view.byte_length:
+                raise self.error(
+                    f"{where}: {packed.count} elements of {packed.byte_stride} bytes are not the"
+                    f" {view.byte_length} of the view"
+                )
+            self.spend(view.byte_length, where)
+            try:
+                self._views[index] = memoryview(meshopt.decode(data, packed))
+            except SceneError as error:
+                raise self.error(f"{where}: {error}") from None
+        return self._views[index]
 
     def _buffer(self, index: int, where: str) -> memoryview:
         if index not in self._buffers:
