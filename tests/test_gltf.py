@@ -256,6 +256,16 @@ def test_meshes_that_are_seen_again_are_instances(read: Any) -> None:
     ph.prepare(read(f))
 
 
+def test_points_that_are_seen_again_keep_their_size(read: Any) -> None:
+    f = File()
+    corners = np.array([[0, 0, 0], [3, 4, 0]], np.float32)
+    mesh = f.mesh(corners, mode=0)
+    f.add("nodes", mesh=mesh, scale=[2, 2, 2])
+    f.add("nodes", mesh=mesh, scale=[2, 2, 2])
+    (copies,) = read(f).shapes
+    assert_allclose(2 * copies.shapes[0].radii, 0.001 * 10)
+
+
 def test_gpu_instancing(read: Any) -> None:
     f = File()
     places = np.array([[1, 0, 0], [0, 2, 0]], np.float32)
@@ -862,7 +872,7 @@ def put(*path: Any) -> Any:
         (put("nodes", 1, "children", [1]), r"nodes\[1\].children\[0\] is the node itself"),
         (put("nodes", 1, "children", [7]), r"nodes\[1\].children\[0\] is 7; the file has 2"),
         (put("nodes", 1, "translation", [1, 2]), r"nodes\[1\].translation: Expected array of"),
-        (put("nodes", 1, "scale", [1e39] * 3), r"\[0\], where it is placed: element 1 is not"),
+        (put("nodes", 1, "scale", [1e39] * 3), r"nodes\[1\]: its place in the scene is not finite"),
         (put("nodes", 1, "matrix", [0] * 15 + [2]), r"nodes\[1\].matrix: its last row"),
         (put("scenes", [{"nodes": [8]}]), r"scenes\[0\].nodes\[0\] is 8"),
         (put("scene", 3), None),

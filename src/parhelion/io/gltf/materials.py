@@ -430,7 +430,7 @@ class Materials:
         most = max(r, g, b)
         if most > 1.0:  # reflects more than its index does: so does a larger index
             root = min((ior - 1.0) / (ior + 1.0) * most**0.5, (_MOST_IOR - 1.0) / (_MOST_IOR + 1.0))
-            found["ior"] = (1.0 + root) / (1.0 - root)
+            found["ior"] = min((1.0 + root) / (1.0 - root), _MOST_IOR)
             r, g, b = r / most, g / most, b / most
         found["specular_color"] = self._color(
             draft, specular.specular_color_texture, (r, g, b), f"{place}specularColorTexture"
@@ -569,7 +569,7 @@ def _holes(alpha: float, cutoff: float, pixels: NDArray[Any]) -> NDArray[np.uint
             before = [(1, 0) if a == axis else (0, 0) for a in (0, 1)]
             slope = np.maximum(slope, np.maximum(np.pad(step, after), np.pad(step, before)))
     ramp = (values - np.float32(cutoff)) / np.maximum(slope, np.float32(1e-4)) + np.float32(0.5)
-    return to_bytes(ramp)
+    return to_bytes(np.where(slope > 0.0, ramp, values >= np.float32(cutoff)))
 
 
 def _scaled_normals(scale: float, pixels: NDArray[Any]) -> NDArray[np.uint16]:

@@ -12,6 +12,9 @@ from .source import Source
 
 Matrices = NDArray[np.float64]
 
+# What lights and cameras may have as coordinates
+FARTHEST = 1e30
+
 
 @dataclass(frozen=True, eq=False)
 class Tree:
@@ -103,9 +106,12 @@ def _world(s: Source, parents: NDArray[np.int64], local: Matrices) -> Matrices:
         hanging = _below(s, np.flatnonzero(parents < 0).tolist())
         lost = next(i for i in range(len(local)) if i not in hanging)
         raise s.error(f"nodes[{lost}]: is its own ancestor; nodes must form a tree")
-    bad = ~np.isfinite(world).all(axis=(1, 2))
+    bad = ~(np.abs(world) <= FARTHEST).all(axis=(1, 2))
     if bad.any():
-        raise s.error(f"nodes[{int(np.argmax(bad))}]: its place in the scene is not finite")
+        lost = int(np.argmax(bad))
+        raise s.error(
+            f"nodes[{lost}]: its place in the scene is not finite, or beyond {FARTHEST:g}"
+        )
     return world
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import unknown_name
-from ...scene import Background, Curves, Instances, Light, Mesh, Scene, Shape, Spheres
+from ...scene import Background, Curves, Instances, Light, Mesh, Scene, Shape, Solid, Spheres
 from .. import LoadOptions
 from . import accessors, lights, meshes, nodes, schema
 from .materials import Materials
@@ -138,29 +138,30 @@ class Reader:
     def _shapes(self, placed: list[tuple[str, Geometry, Matrices]]) -> list[Shape]:
         """Meshes that are seen once are moved to where they are; of others there are instances."""
         shapes: list[Shape] = []
-        groups: dict[int, tuple[str, list[Mesh], Matrices]] = {}
+        groups: dict[int, tuple[str, list[Solid], Matrices]] = {}
         low, high = _bounds(placed)
         radius = _RADIUS * float(np.linalg.norm(high - low)) or _RADIUS
         for name, geometry, where in placed:
-            if geometry.kind != meshes.TRIANGLES:
-                for matrix in where:
-                    shapes.append(self._thin(name, meshes.moved(geometry, matrix), radius))
-                continue
-            flat = _flat(where)
-            for matrix in where[flat] if len(where) > 1 else where:
-                # what is scaled to a point or a line is hidden so
-                if np.linalg.matrix_rank(matrix[:3, :3]) >= 2:
-                    shapes.append(self._mesh(name, meshes.moved(geometry, matrix)))
-            upright = where[~flat]
-            if len(where) > 1 and len(upright):
+            single = len(where) == 1
+            alone = where if single else where[_flat(where)]
+            # what is scaled to a point or a line is hidden so
+            for matrix in alone[np.linalg.matrix_rank(alone[:, :3, :3]) >= 2]:
+                shapes.append(self._solid(name, meshes.moved(geometry, matrix), radius))
+            upright = where[~_flat(where)]
+            if not single and len(upright):
+                scale = float(np.cbrt(abs(np.linalg.det(upright[0, :3, :3]))))
                 group = groups.setdefault(id(where), (name, [], upright))
-                group[1].append(self._mesh(name, geometry))
+                group[1].append(self._solid(name, geometry, radius / scale))
         for name, parts, where in groups.values():
             shapes.append(Instances(tuple(parts), where, self._unique(name)))
         return shapes
 
-    def _mesh(self, name: str, g: Geometry) -> Mesh:
+    def _solid(self, name: str, g: Geometry, radius: float) -> Solid:
         accessors.finite(self.source, g.positions, f"{g.where}, where it is placed")
+        self.source.spend(100 * len(g.positions), g.where)
+        return self._mesh(name, g) if g.kind == meshes.TRIANGLES else self._thin(name, g, radius)
+
+    def _mesh(self, name: str, g: Geometry) -> Mesh:
         surface = self.materials.surface(g.material, g.colors)
         uvs = g.uvs.get(surface.uv_set or 0)
         if surface.uv_set is not None and uvs is None:
@@ -168,7 +169,6 @@ class Reader:
                 f"{g.where}: has no TEXCOORD_{surface.uv_set}, which its material's textures need"
             )
         flipped = None if uvs is None else np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
-        self.source.spend(100 * len(g.positions), g.where)
         return Mesh(
             vertices=np.ascontiguousarray(g.positions, np.float32),
             faces=g.corners.astype(np.uint32),
@@ -179,7 +179,7 @@ class Reader:
             name=self._unique(name),
         )
 
-    def _thin(self, name: str, g: Geometry, radius: float) -> Shape:
+    def _thin(self, name: str, g: Geometry, radius: float) -> Spheres | Curves:
         """Points as spheres, lines as tubes."""
         surface = self.materials.surface(g.material, None)
         colors = None
@@ -223,11 +223,13 @@ def _bounds(placed: list[tuple[str, Geometry, Matrices]]) -> tuple[Any, Any]:
     """Corners of a box that holds everything; of nothing, the origin."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for _, geometry, where in placed:
-        box = np.stack([geometry.positions.min(axis=0), geometry.positions.max(axis=0)])
-        corners = np.array(np.meshgrid(*box.T.astype(np.float64))).reshape(3, -1).T
-        points = corners @ where[:, :3, :3].transpose(0, 2, 1) + where[:, None, :3, 3]
-        low = np.minimum(low, points.min(axis=(0, 1)))
-        high = np.maximum(high, points.max(axis=(0, 1)))
+        lowest = geometry.positions.min(axis=0).astype(np.float64)
+        highest = geometry.positions.max(axis=0).astype(np.float64)
+        middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
+        linear = where[:, :3, :3]
+        centers, reach = linear @ middle + where[:, :3, 3], np.abs(linear) @ half
+        low = np.minimum(low, (centers - reach).min(axis=0))
+        high = np.maximum(high, (centers + reach).max(axis=0))
     if not np.isfinite(high - low).all():
         return np.zeros(3), np.zeros(3)
     return low, high
