@@ -615,20 +615,21 @@ def test_factors_are_multiplied_into_textures(read: Any) -> None:
             "roughnessFactor": 0.5,
         },
     )
-    found = only_material(read(f)).params
-    linear = np.where(
-        pixels <= 10.31, pixels / 255 / 12.92, ((pixels / 255 + 0.055) / 1.055) ** 2.4
-    )
-    wanted = linear * (1, 0.5, 0.25)
-    stored = texels(found["color"]) / 255
-    assert_allclose(np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4),
-                    wanted, atol=0.005)  # fmt: skip
-    assert found["color"].params["color_space"] == "srgb"
-    assert_allclose(texels(found["emission"]), 8 * linear, rtol=1e-5)
-    assert found["emission"].params["color_space"] == "linear"
-    assert texels(found["metallic"]) is not None
+    scene = read(f)
+    found = only_material(scene).params
+    color, emission, roughness = (found[k] for k in ("color", "emission", "roughness"))
+    for texture, space, factor in (
+        (color, "srgb", (1.0, 0.5, 0.25)),
+        (emission, "srgb", (8.0, 8.0, 8.0)),
+        (roughness, "linear", (0.5, 0.5, 0.5)),
+    ):
+        assert texture.type == "multiply"
+        assert texture.params["color0"].params["color_space"] == space
+        assert texture.params["color1"] == factor
+    assert roughness.params["color0"].params["channel"] == "g"
     assert found["metallic"].params["channel"] == "b"
-    assert_allclose(texels(found["roughness"]), [[64, 100]])
+    assert texels(found["metallic"]) is texels(color.params["color0"])
+    ph.prepare(scene)
 
 
 def test_normals_are_scaled(read: Any) -> None:
@@ -720,21 +721,31 @@ def test_wrap_modes_and_filters(read: Any) -> None:
     assert (found["wrap_u"], found["wrap_v"], found["filter"]) == ("clamp", "mirror", "mip")
 
 
-def test_a_second_set_of_texture_coordinates(read: Any, caplog: Any) -> None:
+def test_further_sets_of_texture_coordinates(read: Any) -> None:
     f = File()
     uv = np.array([[0, 0], [1, 0], [0, 1]], np.float32)
     made = f.add("materials", pbrMetallicRoughness={
         "baseColorTexture": {**f.picture(FOUR), "texCoord": 1},
         "metallicRoughnessTexture": {**f.picture(FOUR), "texCoord": 0}})  # fmt: skip
     f.add("nodes", mesh=f.mesh(TEXCOORD_0=uv, TEXCOORD_1=uv / 2, material=made))
-    scene = read(f)
-    assert "another set of texture coordinates" in caplog.text
+    scene = read(f, strict=True)
     (mesh,) = scene.shapes
+    up = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)  # v runs up here
     assert_allclose(np.asarray(mesh.uvs), np.stack([uv[:, 0] / 2, 1 - uv[:, 1] / 2], axis=1))
-    assert only_material(scene).params["roughness"] == pytest.approx(0.5)  # the mean
+    assert_allclose(mesh.attributes["vertex_uv0"], up)
+    params = only_material(scene).params
+    assert params["roughness"].params["uvs"] == "vertex_uv0"
+    assert "uvs" not in params["color"].params
+    ph.prepare(scene)
+    # a normal map takes its tangents from the mesh's own
+    f.json["materials"][0]["normalTexture"] = {"index": 0}
+    assert_allclose(np.asarray(read(f).shapes[0].uvs), up)
+    del f.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_1"]
+    with pytest.raises(FormatError, match="has no TEXCOORD_1, which its material's textures need"):
+        read(f, strict=True)
 
 
-def test_vertex_colours(read: Any, caplog: Any) -> None:
+def test_vertex_colours(read: Any) -> None:
     f = File()
     colors = np.array([[1, 0, 0, 0.5], [0, 1, 0, 1], [0, 0, 1, 1]], np.float32)
     pbr: dict[str, Any] = {"baseColorFactor": [0.5, 0.5, 0.5, 0.5]}
@@ -748,9 +759,15 @@ def test_vertex_colours(read: Any, caplog: Any) -> None:
     assert_allclose(attributes["vertex_color"], 0.5 * colors[:, :3])
     assert_allclose(attributes["vertex_alpha"], [0.25, 0.5, 0.5])
     ph.prepare(scene)
-    pbr["baseColorTexture"] = f.picture(FOUR)
-    assert read(f).shapes[0].attributes == {}
-    assert "vertex colours" in caplog.text
+    pixels = np.full((1, 1, 4), 128, np.uint8)
+    pbr["baseColorTexture"] = f.picture(pixels)
+    scene = read(f, strict=True)
+    found = only_material(scene).params
+    assert found["color"].params["color1"] == params["color"]
+    assert found["opacity"].params["color1"] == params["opacity"]
+    assert found["opacity"].params["color0"].params["channel"] == "a"
+    assert_allclose(scene.shapes[0].attributes["vertex_color"], 0.5 * colors[:, :3])
+    ph.prepare(scene)
 
 
 def test_vertex_colours_that_are_all_the_same_are_a_factor(read: Any) -> None:

@@ -1,7 +1,7 @@
 """Images and textures: the pixels, and what has to be computed from them before rendering.
 
-Our textures have no factors, cutoffs or curves; so those are applied to the texels once. Whole
-numbers go through a table of all their values, which costs no more than a copy.
+Factors are textures that multiply. Cutoffs and curves are applied to the texels once; whole numbers
+go through a table of all their values, which costs no more than a copy.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ... import scene
 from ...errors import FormatError
-from ...image import check_picture, read_pixels, srgb_encoded
+from ...image import check_picture, read_pixels
 from ..meshes import decode_srgb
 from . import schema
 from .source import Source
@@ -49,55 +49,58 @@ class Images:
         moved = self._transform(info, where)
         return info.tex_coord if moved is None or moved.tex_coord is None else moved.tex_coord
 
-    def color(self, info: schema.TextureInfo, factor: Color, where: str) -> scene.Texture | None:
-        """A texture of colours, times a factor; None if its image cannot be read."""
+    def color(
+        self, info: schema.TextureInfo, factor: Color, where: str, uvs: str | None
+    ) -> scene.Texture | None:
+        """A texture of encoded colours, times a linear factor; None if its image cannot be read.
+
+        uvs: here and below, as in scene.Texture.
+        """
         image = self.source_of(info, where)
         if image is None:
             return None
-        if factor == (1.0, 1.0, 1.0):
-            return self._texture(info, where, self._stored[image], "srgb")
+        return times(self._texture(info, where, self._stored[image], "srgb", uvs), factor)
 
-        bright = max(factor) > 1.0
-
-        def scaled(channel: int) -> NDArray[Any]:
-            def curve(x: NDArray[Any]) -> NDArray[Any]:
-                product = np.float32(factor[channel]) * decode_srgb(x)
-                return product if bright else srgb_encoded(product)
-
-            values = _mapped(_channel(self.pixels(image), channel), curve)
-            return values if bright else to_bytes(values)
-
-        made = self._once(
-            ("color", image, factor), where, lambda: np.stack([scaled(c) for c in range(3)], axis=2)
-        )
-        return self._texture(info, where, made, "linear" if bright else "srgb")
-
-    def plain(self, info: schema.TextureInfo, where: str) -> scene.Texture | None:
+    def plain(self, info: schema.TextureInfo, where: str, uvs: str | None) -> scene.Texture | None:
         """A texture of linear values as they are."""
         image = self.source_of(info, where)
-        return None if image is None else self._texture(info, where, self._stored[image], "linear")
+        if image is None:
+            return None
+        return self._texture(info, where, self._stored[image], "linear", uvs)
 
     def number(
-        self, info: schema.TextureInfo, channel: int, where: str, curve: Curve | None, key: Any
+        self,
+        info: schema.TextureInfo,
+        channel: int,
+        factor: float,
+        curve: Curve | None,
+        where: str,
+        uvs: str | None,
     ) -> scene.Texture | None:
-        """A texture of numbers: a channel, or what a curve makes of it. key: tells curves apart."""
+        """A texture of numbers: a channel times a factor, or what a curve makes of that."""
         image = self.source_of(info, where)
         if image is None:
             return None
         if curve is None:
-            return self._texture(info, where, self._stored[image], "linear", "rgba"[channel])
+            name = "rgba"[channel]
+            found = self._texture(info, where, self._stored[image], "linear", uvs, channel=name)
+            return times(found, (factor,) * 3)
 
         def mapped() -> NDArray[Any]:
-            values = _mapped(_channel(self.pixels(image), channel), curve)
+            def whole(x: NDArray[Any]) -> NDArray[Any]:
+                return curve(np.float32(factor) * x)
+
+            values = _mapped(_channel(self.pixels(image), channel), whole)
             return to_bytes(values) if values.min() >= 0.0 and values.max() <= 1.0 else values
 
-        made = self._once(("number", image, channel, key), where, mapped)
-        return self._texture(info, where, made, "linear", "r")
+        made = self._once(("number", image, channel, factor, curve), where, mapped)
+        return self._texture(info, where, made, "linear", uvs, channel="r")
 
     def image(
         self,
         info: schema.TextureInfo,
         where: str,
+        uvs: str | None,
         make: Callable[[NDArray[Any]], NDArray[Any]],
         key: Any,
         **params: Any,
@@ -107,7 +110,7 @@ class Images:
         if image is None:
             return None
         made = self._once((image, key), where, lambda: make(self.pixels(image)))
-        return self._texture(info, where, made, params.pop("color_space", "linear"), **params)
+        return self._texture(info, where, made, params.pop("color_space", "linear"), uvs, **params)
 
     def mean(self, info: schema.TextureInfo, channel: int, srgb: bool, where: str) -> float:
         """The mean of a channel's linear values."""
@@ -128,6 +131,7 @@ class Images:
         where: str,
         image: str | NDArray[Any] | None,
         color_space: str,
+        uvs: str | None,
         channel: str = "rgb",
         smooth: bool = True,
     ) -> scene.Texture:
@@ -143,7 +147,7 @@ class Images:
                 choices = ", ".join(f"{k} ({v})" for k, v in _WRAPS.items())
                 raise s.error(f"{place}.{name} is {number}; must be one of {choices}")
         nearest = sampler.mag_filter == _NEAREST or not smooth
-        params: dict[str, Any] = {}
+        params: dict[str, Any] = {} if uvs is None else {"uvs": uvs}
         moved = self._transform(info, where)
         if moved is not None:
             params["transform"] = _FLIP @ uv_matrix(moved) @ _FLIP
@@ -240,6 +244,13 @@ class Images:
             self._source.spend(made.nbytes, where)
             self._made[key] = made
         return self._made[key]
+
+
+def times(texture: scene.Texture, factor: Color | scene.Texture) -> scene.Texture:
+    """The texture multiplied with a colour or another texture."""
+    if factor == (1.0, 1.0, 1.0):
+        return texture
+    return scene.Texture("multiply", color0=texture, color1=factor)
 
 
 def uv_matrix(moved: schema.TextureTransform) -> NDArray[np.float64]:

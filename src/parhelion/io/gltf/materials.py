@@ -1,12 +1,9 @@
-"""Materials: glTF's metallic-roughness with its extensions is our `principled`.
-
-Parameters that glTF multiplies with a texture are multiplied here, texel by texel.
-"""
+"""Materials: glTF's metallic-roughness with its extensions is our `principled`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from math import degrees, log
 from typing import Any, TypeVar
@@ -17,7 +14,7 @@ from numpy.typing import NDArray
 from ... import scene
 from ...image import srgb_encoded
 from . import schema
-from .images import Color, Curve, Images, in_bands, linear, to_bytes
+from .images import Color, Images, in_bands, linear, times, to_bytes
 from .source import Source
 
 T = TypeVar("T")
@@ -38,13 +35,23 @@ _UNSUPPORTED = {
 
 @dataclass(frozen=True)
 class Surface:
-    """The material of a primitive: its name in the scene, the set of texture coordinates that its
+    """The material of a primitive: its name in the scene, the sets of texture coordinates that its
     textures lie on, and what the primitive's vertex colours add to its attributes.
+
+    uv_set: of the mesh's uvs. others: those that become attributes, by `uv_name`. textured: some
+    texture lies on the mesh's uvs.
     """
 
     name: str
-    uv_set: int | None
+    uv_set: int
+    others: tuple[int, ...]
+    textured: bool
     attributes: dict[str, NDArray[np.float32]]
+
+
+def uv_name(uv_set: int) -> str:
+    """The attribute of a mesh that has a further set of texture coordinates."""
+    return f"vertex_uv{uv_set}"
 
 
 @dataclass
@@ -53,7 +60,9 @@ class _Draft:
 
     source: schema.Material
     where: str
-    uv_set: int | None = None
+    uv_set: int = 0
+    others: set[int] = field(default_factory=set)
+    textured: bool = False
     tint: Color = WHITE
     alpha: float = 1.0
     vertex_color: bool = False
@@ -67,7 +76,7 @@ class Materials:
         self._source = source
         self._images = Images(source)
         self.made: dict[str, scene.Material] = {}
-        self._surfaces: dict[tuple[Any, ...], tuple[str, int | None, _Draft]] = {}
+        self._surfaces: dict[tuple[Any, ...], tuple[str, _Draft]] = {}
 
     def surface(self, index: int | None, colors: NDArray[np.float32] | None) -> Surface:
         """What a primitive is made of; index None is glTF's default material. colors: of its
@@ -79,12 +88,17 @@ class Materials:
             self._take_colors(draft, colors)
         key = (index, draft.tint, draft.alpha, draft.vertex_color, draft.vertex_alpha)
         if key not in self._surfaces:
+            # tangents, which normal maps need, come from a mesh's own uvs
+            first = source.normal_texture or self._base_texture(draft)
+            if first is not None:
+                draft.uv_set = self._images.uv_set(first, draft.where)
             material = self._material(draft)
             name = self._name(source.name or ("default" if index is None else f"material {index}"))
             self.made[name] = material
-            self._surfaces[key] = (name, draft.uv_set, draft)
-        name, uv_set, _ = self._surfaces[key]
-        return Surface(name, uv_set, self._attributes(draft, colors))
+            self._surfaces[key] = (name, draft)
+        name, made = self._surfaces[key]
+        attributes = self._attributes(draft, colors)
+        return Surface(name, made.uv_set, tuple(made.others), made.textured, attributes)
 
     def _name(self, name: str) -> str:
         number, chosen = 1, name
@@ -96,43 +110,40 @@ class Materials:
     # Vertex colours
 
     def _take_colors(self, draft: _Draft, colors: NDArray[np.float32]) -> None:
-        """Decides how vertex colours come in: as a factor where all are the same, else as an
-        attribute, which cannot be multiplied with a texture.
+        """Decides how vertex colours come in: as a factor where all are the same, as they often
+        are, else as an attribute.
         """
-        same = bool((colors == colors[:1]).all()) if len(colors) else True
-        base, alpha_base = self._base_textures(draft)
-        if same and len(colors):
+        if len(colors) and bool((colors == colors[:1]).all()):
             red, green, blue = (float(x) for x in np.clip(colors[0, :3], 0.0, 1.0))
             draft.tint = (red, green, blue)
             if colors.shape[1] == 4:
                 draft.alpha = float(np.clip(colors[0, 3], 0.0, 1.0))
             return
-        if base:
+        draft.vertex_color = True
+        if colors.shape[1] == 3 or draft.source.alpha_mode == "OPAQUE":
+            return
+        draft.vertex_alpha = bool((colors[:, 3] < 1.0).any())
+        if draft.source.alpha_mode == "MASK" and self._base_texture(draft) is not None:
             self._source.report(
-                "vertex colours of a material with a base colour texture: not multiplied with it;"
-                " ignored"
+                "alphaMode MASK with a texture and vertex colours: the vertices' alpha is ignored"
             )
-        else:
-            draft.vertex_color = True
-        see_through = draft.source.alpha_mode in ("MASK", "BLEND")
-        draft.vertex_alpha = colors.shape[1] == 4 and see_through and not alpha_base
+            draft.vertex_alpha = False
 
-    def _base_textures(self, draft: _Draft) -> tuple[bool, bool]:
-        """Whether the base colour, and the alpha, come from a texture."""
-        info = draft.source.pbr_metallic_roughness.base_color_texture
+    def _base_texture(self, draft: _Draft) -> schema.TextureInfo | None:
         glossy = self._extension(draft, "pbrSpecularGlossiness", schema.SpecularGlossiness)
         if glossy is not None:
-            info = glossy.diffuse_texture
-            if glossy.specular_glossiness_texture is not None:
-                return True, info is not None
-        return info is not None, info is not None
+            return glossy.diffuse_texture or glossy.specular_glossiness_texture
+        return draft.source.pbr_metallic_roughness.base_color_texture
 
     def _attributes(
         self, draft: _Draft, colors: NDArray[np.float32] | None
     ) -> dict[str, NDArray[np.float32]]:
+        """Vertex colours, with their material's factor unless that is part of its textures."""
         if colors is None:
             return {}
         factor = np.array(self._base_factor(draft), np.float32)
+        if "KHR_materials_pbrSpecularGlossiness" in draft.source.extensions:
+            factor[:3] = 1.0
         found = {}
         if draft.vertex_color:
             found["vertex_color"] = np.clip(colors[:, :3] * factor[:3], 0.0, 1.0)
@@ -158,32 +169,23 @@ class Materials:
     def _extension(self, draft: _Draft, name: str, kind: type[T]) -> T | None:
         return self._source.extension(draft.source, f"KHR_materials_{name}", kind, draft.where)
 
-    def _lies_on(self, draft: _Draft, info: schema.TextureInfo, where: str) -> bool:
-        """Whether a texture lies on the same coordinates as those before it."""
+    def _uvs(self, draft: _Draft, info: schema.TextureInfo, where: str) -> str | None:
+        """The attribute with the coordinates of a texture, if those are not the mesh's uvs."""
         uv_set = self._images.uv_set(info, where)
-        if draft.uv_set is None:
-            draft.uv_set = uv_set
-        if draft.uv_set == uv_set:
-            return True
-        self._source.report(
-            f"{where.partition('.')[2]}: on another set of texture coordinates than the material's"
-            " other textures; its mean is used"
-        )
-        return False
+        if uv_set == draft.uv_set:
+            draft.textured = True
+            return None
+        draft.others.add(uv_set)
+        return uv_name(uv_set)
 
     def _color(
         self, draft: _Draft, info: schema.TextureInfo | None, factor: Color, name: str
     ) -> Colors:
         """A colour, of which glTF multiplies an encoded texture with a linear factor."""
         where = f"{draft.where}.{name}"
-        if info is None:
+        if info is None or max(factor) == 0.0:
             return factor
-        if not self._lies_on(draft, info, where):
-            means = [self._images.mean(info, c, True, where) for c in range(3)]
-            return factor[0] * means[0], factor[1] * means[1], factor[2] * means[2]
-        if max(factor) == 0.0:
-            return factor
-        return self._images.color(info, factor, where) or factor
+        return self._images.color(info, factor, where, self._uvs(draft, info, where)) or factor
 
     def _number(
         self,
@@ -197,20 +199,13 @@ class Materials:
         """A number: the factor times a channel of the texture, or a curve of that."""
         where = f"{draft.where}.{name}"
         factor = min(max(factor, 0.0), 1.0)
-        if info is None and curve is None:
-            return factor
-        whole: Callable[[Any], Any] = curve or (lambda x: x)
-        if info is None:
-            return float(whole(np.float32(factor)))
-        if not self._lies_on(draft, info, where):
-            return float(whole(np.float32(factor * self._images.mean(info, channel, False, where))))
-        if factor == 0.0:
-            return float(whole(np.float32(0.0)))
-        scaled: Curve | None = (
-            None if curve is None and factor == 1.0 else lambda x: whole(x * np.float32(factor))
-        )
-        made = self._images.number(info, channel, where, scaled, (factor, curve))
-        return float(whole(np.float32(factor))) if made is None else made
+        made = None
+        if info is not None and factor > 0.0:
+            uvs = self._uvs(draft, info, where)
+            made = self._images.number(info, channel, factor, curve, where, uvs)
+        if made is not None:
+            return made
+        return factor if curve is None else float(curve(np.float32(factor)))
 
     # Materials
 
@@ -228,13 +223,16 @@ class Materials:
             alpha_info, alpha = pbr.base_color_texture, pbr.base_color_factor[3]
             r, g, b, _ = self._base_factor(draft)
             factor = (r * draft.tint[0], g * draft.tint[1], b * draft.tint[2])
+            if draft.vertex_color:  # they have it
+                factor = WHITE
             base = self._color(draft, alpha_info, factor, "pbrMetallicRoughness.baseColorTexture")
             info = pbr.metallic_roughness_texture
             name = "pbrMetallicRoughness.metallicRoughnessTexture"
             params["metallic"] = self._number(draft, info, 2, pbr.metallic_factor, name)
             params |= self._roughness(draft, info, pbr.roughness_factor, name)
         if draft.vertex_color:
-            base = scene.Texture("attribute", name="vertex_color")
+            own = scene.Texture("attribute", name="vertex_color")
+            base = times(base, own) if isinstance(base, scene.Texture) else own
         common = self._common(draft, alpha_info, min(max(alpha, 0.0), 1.0) * draft.alpha)
         if "KHR_materials_unlit" in m.extensions:
             common.pop("normal_map", None)
@@ -277,26 +275,28 @@ class Materials:
             )
         if mode == "OPAQUE":
             return 1.0
-        if draft.vertex_alpha:
-            return scene.Texture("attribute", name="vertex_alpha")
-        where = f"{draft.where}.pbrMetallicRoughness.baseColorTexture"
+        name = "pbrMetallicRoughness.baseColorTexture"
+        where = f"{draft.where}.{name}"
         if info is not None and not self._images.has_alpha(info, where):
             info = None
+        if draft.vertex_alpha:  # which has the factor
+            own = scene.Texture("attribute", name="vertex_alpha")
+            share = self._number(draft, info, 3, 1.0, name)
+            return times(share, own) if isinstance(share, scene.Texture) else own
         if mode == "BLEND":
-            return self._number(draft, info, 3, alpha, "pbrMetallicRoughness.baseColorTexture")
-        if info is None or not self._lies_on(draft, info, where):
+            return self._number(draft, info, 3, alpha, name)
+        if info is None:
             return 1.0 if alpha >= cutoff else 0.0
-        make = partial(_holes, alpha, cutoff)
-        return self._images.image(info, where, make, ("mask", alpha, cutoff)) or 1.0
+        uvs, make = self._uvs(draft, info, where), partial(_holes, alpha, cutoff)
+        return self._images.image(info, where, uvs, make, ("mask", alpha, cutoff)) or 1.0
 
     def _normals(self, draft: _Draft, info: schema.TextureInfo) -> scene.Texture | None:
         where = f"{draft.where}.normalTexture"
-        if not self._lies_on(draft, info, where):
-            return None
+        uvs = self._uvs(draft, info, where)
         if info.scale == 1.0:
-            return self._images.plain(info, where)
+            return self._images.plain(info, where, uvs)
         make = partial(in_bands, partial(_scaled_normals, info.scale))
-        return self._images.image(info, where, make, ("normals", info.scale))
+        return self._images.image(info, where, uvs, make, ("normals", info.scale))
 
     def _roughness(
         self, draft: _Draft, info: schema.TextureInfo | None, factor: float, name: str
@@ -334,12 +334,11 @@ class Materials:
             "anisotropy_rotation": degrees(turned) % 360.0,
         }
         where = f"{draft.where}.{place}"
-        if self._lies_on(draft, texture, where):
-            make = partial(in_bands, partial(_angles, turned))
-            angles = self._images.image(
-                texture, where, make, ("angles", turned), smooth=False, channel="r"
-            )
-            found["anisotropy_rotation"] = angles or found["anisotropy_rotation"]
+        uvs, make = self._uvs(draft, texture, where), partial(in_bands, partial(_angles, turned))
+        angles = self._images.image(
+            texture, where, uvs, make, ("angles", turned), smooth=False, channel="r"
+        )
+        found["anisotropy_rotation"] = angles or found["anisotropy_rotation"]
         return found
 
     def _coat(self, draft: _Draft) -> dict[str, Any]:
@@ -496,13 +495,17 @@ class Materials:
         where = [
             f"{draft.where}.{place}{n}" for n in ("diffuseTexture", "specularGlossinessTexture")
         ]
-        if second is None or not self._lies_on(draft, second, where[1]):
-            if first is not None and max(specular) <= _DIELECTRIC:  # the usual case: no metal
-                color = self._color(draft, first, _triple(diffuse), f"{place}diffuseTexture")
-                return {"color": color, "metallic": 0.0, "roughness": 1.0 - gloss}
+        if first is not None and second is not None and not self._alike(first, second, where):
+            self._source.report(
+                "KHR_materials_pbrSpecularGlossiness with two textures that lie differently: the"
+                " mean of the specular one is used"
+            )
+            specular *= [self._images.mean(second, c, True, where[1]) for c in range(3)]
+            gloss *= self._images.mean(second, 3, False, where[1])
             second = None
-        if first is not None and not self._lies_on(draft, first, where[0]):
-            first = None
+        if second is None and first is not None and max(specular) <= _DIELECTRIC:  # no metal
+            color = self._color(draft, first, _triple(diffuse), f"{place}diffuseTexture")
+            return {"color": color, "metallic": 0.0, "roughness": 1.0 - gloss}
         infos = [info for info in (first, second) if info is not None]
         if not infos:
             colors, metal = _metallic(diffuse[None], specular[None])
@@ -539,15 +542,24 @@ class Materials:
             return to_bytes(srgb_encoded(color)) if part == "color" else to_bytes(metallic)
 
         found: dict[str, Any] = {}
+        uvs = self._uvs(draft, infos[-1], where[-1])
         key = (*sources, diffuse.tobytes(), specular.tobytes(), gloss)
         for part, space in (("color", "srgb"), ("metallic", "linear"), ("roughness", "linear")):
             if part == "roughness" and second is None:
                 found[part] = 1.0 - gloss
                 continue
             found[part] = self._images.image(
-                infos[-1], draft.where, partial(make, part), (part, *key), color_space=space
+                infos[-1], draft.where, uvs, partial(make, part), (part, *key), color_space=space
             )
         return found
+
+    def _alike(
+        self, first: schema.TextureInfo, second: schema.TextureInfo, where: list[str]
+    ) -> bool:
+        """Whether two textures lie on a surface in the same way."""
+        sets = [self._images.uv_set(i, w) for i, w in zip((first, second), where, strict=True)]
+        moves = [bytes(i.extensions.get("KHR_texture_transform", b"")) for i in (first, second)]
+        return sets[0] == sets[1] and moves[0] == moves[1]
 
 
 def _triple(values: NDArray[Any]) -> Color:

@@ -12,7 +12,7 @@ from ...errors import unknown_name
 from ...scene import Background, Curves, Instances, Light, Mesh, Scene, Shape, Solid, Spheres
 from .. import LoadOptions
 from . import accessors, lights, meshes, nodes, schema
-from .materials import Materials
+from .materials import Materials, uv_name
 from .meshes import Geometry
 from .source import Source
 
@@ -163,17 +163,19 @@ class Reader:
 
     def _mesh(self, name: str, g: Geometry) -> Mesh:
         surface = self.materials.surface(g.material, g.colors)
-        uvs = g.uvs.get(surface.uv_set or 0)
-        if surface.uv_set is not None and uvs is None:
-            self.source.report(
-                f"{g.where}: has no TEXCOORD_{surface.uv_set}, which its material's textures need"
-            )
-        flipped = None if uvs is None else np.stack([uvs[:, 0], 1.0 - uvs[:, 1]], axis=1)
+        uvs = {n: np.stack([a[:, 0], 1.0 - a[:, 1]], axis=1) for n, a in g.uvs.items()}
+        for needed in (*surface.others, *[surface.uv_set] * surface.textured):
+            if needed not in uvs:
+                self.source.report(
+                    f"{g.where}: has no TEXCOORD_{needed}, which its material's textures need"
+                )
+            elif needed in surface.others:
+                surface.attributes[uv_name(needed)] = uvs[needed]
         return Mesh(
             vertices=np.ascontiguousarray(g.positions, np.float32),
             faces=g.corners.astype(np.uint32),
             normals=None if g.normals is None else np.ascontiguousarray(g.normals, np.float32),
-            uvs=flipped,
+            uvs=uvs.get(surface.uv_set),
             material=surface.name,
             attributes=surface.attributes,
             name=self._unique(name),
