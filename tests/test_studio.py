@@ -78,6 +78,22 @@ def test_what_has_light_gets_no_more(light: dict[str, Any]) -> None:
     assert made.lights == scene.lights
 
 
+@pytest.mark.parametrize(
+    ("emission", "most"),
+    [
+        ((0.5, 2.0, 0.0), 2.0),
+        (ph.Texture("image", image=np.full((1, 1, 3), 255, np.uint8)), 1.0),
+        (ph.Texture("image", image=np.full((1, 1, 3), 3.0, np.float32)), 3.0),
+        (ph.Texture("multiply", color0=ph.Texture("image", image="a.png"), color1=(4, 4, 4)), 4.0),
+    ],
+)
+def test_what_glows_for_show_is_no_light(emission: Any, most: float) -> None:
+    lamp = ph.Material("diffuse", emission=emission)
+    scene = ph.Scene([BALL], {"lamp": lamp}, background=None)
+    assert dressed(scene, bare=True, glow=0.9 * most).background is None
+    assert dressed(scene, bare=True, glow=1.1 * most).background is not None
+
+
 def test_what_is_dark_is_lit_from_beside_the_camera() -> None:
     for camera in (None, Z_UP, ph.Camera(eye=(0, -9, 3), target=(0, 0, 0), up=(0, 0, 1))):
         scene = dressed(ph.Scene([BALL], camera=camera, background=None), bare=True)

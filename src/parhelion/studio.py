@@ -77,6 +77,7 @@ def dressed(
     environment: str | PathLike[str] | None = None,
     ground: bool = False,
     bare: bool = False,
+    glow: float = 0.0,
 ) -> Scene:
     """The scene with what the user asks for.
 
@@ -84,6 +85,7 @@ def dressed(
     around, instead of the scene's background, its middle behind the things as seen from the front.
     ground: below the lowest point. bare: the scene may lack what makes a picture of it: a view, if
     it has no camera, and a soft sky and a key light, placed by the camera, if it has no light.
+    glow: radiance up to which surfaces that emit are no light, but glow for show.
 
     Raises SceneError for an unknown view.
     """
@@ -102,7 +104,7 @@ def dressed(
         scene = scene.replace(
             background=Background("envmap", image=environment, transform=turn.tolist())
         )
-    if bare and _dark(scene):
+    if bare and _dark(scene, glow):
         scene = _lit(scene)
     if ground:
         scene = scene.replace(shapes=(*scene.shapes, *_ground(scene, up)))
@@ -163,15 +165,26 @@ def _materials(scene: Scene, shapes: Iterable[Shape]) -> Iterable[Material]:
             yield shape.material
 
 
-def _shines(material: Material) -> bool:
-    emission = material.params.get("emission", 0.0)
-    return material.type == "emissive" or isinstance(emission, Texture) or bool(np.any(emission))
+def _shines(material: Material, glow: float) -> bool:
+    return material.type == "emissive" or _most(material.params.get("emission", 0.0)) > glow
 
 
-def _dark(scene: Scene) -> bool:
+def _most(value: object) -> float:
+    """The largest number that a colour or a texture may have, of a picture file 1."""
+    if not isinstance(value, Texture):
+        return float(np.max(np.asarray(value, np.float64)))
+    image = value.params.get("image")
+    if image is not None:
+        stored = hasattr(image, "dtype") and image.dtype.kind == "f" and image.size
+        return float(image.max()) if stored else 1.0
+    parts = [_most(v) for k, v in value.params.items() if k in ("color0", "color1", "color")]
+    return float(np.prod(parts)) if value.type == "multiply" else max(parts, default=1.0)
+
+
+def _dark(scene: Scene, glow: float) -> bool:
     if scene.lights or scene.background is not None:
         return False
-    return not any(_shines(m) for m in _materials(scene, scene.shapes))
+    return not any(_shines(m, glow) for m in _materials(scene, scene.shapes))
 
 
 def _towards(camera: Camera | Framing | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

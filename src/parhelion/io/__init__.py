@@ -6,6 +6,7 @@ A format module has these names:
     SUFFIXES    the file name endings it reads, in lower case, e.g. (".xyz", ".extxyz")
     OPTIONS     the fields of LoadOptions that it reads, besides EVERY_FORMAT's
     BARE        True if its files often lack a camera and lights, which are then added
+    GLOW        radiance up to which emission in its files is for show, and no light (none: 0)
     load(path: pathlib.Path, options: LoadOptions) -> Scene
 
 and raises FormatError, its text beginning with the path, for a file that it cannot read. Modules
@@ -144,6 +145,7 @@ def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Sc
         environment=options.environment,
         ground=options.ground,
         bare=getattr(module, "BARE", False),
+        glow=getattr(module, "GLOW", 0.0),
     )
 
 

@@ -16,6 +16,8 @@ from .. import LoadOptions
 NAME = "glTF"
 SUFFIXES = (".gltf", ".glb")
 OPTIONS = ("time", "variant")
+BARE = True
+GLOW = 1.0  # brighter needs KHR_materials_emissive_strength
 
 
 def load(path: Path, options: LoadOptions) -> Scene:

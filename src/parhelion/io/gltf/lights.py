@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...scene import Background, Camera, Framing, Light, Settings
+from ...scene import Camera, Light, Settings
 from . import schema
 from .source import Source
 
@@ -86,24 +86,13 @@ def _direction(s: Source, vector: NDArray[np.float64], where: str) -> NDArray[np
     return np.asarray(vector / length)
 
 
-def surroundings() -> tuple[Background, list[Light]]:
-    """Light for a file that has none: a grey studio, brighter above, and a soft key light from the
-    front, above and to the left.
-    """
-    around = Background("gradient", horizon=(0.3,) * 3, zenith=(0.8,) * 3)
-    key = Light("directional", direction=(0.5, -0.8, -0.7), irradiance=(1.2,) * 3, angle=20.0)
-    return around, [key]
-
-
 def camera(
     s: Source, seen: list[int], world: NDArray[np.float64]
-) -> tuple[Camera | Framing, Settings]:
-    """The first camera of the scene, and a picture of its proportions; without one, a framing from
-    the front, where glTF's models face, slightly from above and from the right.
-    """
+) -> tuple[Camera | None, Settings]:
+    """The first camera of the scene, and a picture of its proportions."""
     nodes = [i for i in seen if s.document.nodes[i].camera is not None]
     if not nodes:
-        return Framing((0.45, 0.35, 1.0)), Settings()
+        return None, Settings()
     if len(nodes) > 1:
         s.report(f"{len(nodes)} cameras: only the first, of nodes[{nodes[0]}], is used")
     index = s.document.nodes[nodes[0]].camera

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import unknown_name
-from ...scene import Background, Curves, Instances, Light, Mesh, Scene, Shape, Solid, Spheres
+from ...scene import Curves, Instances, Mesh, Scene, Shape, Solid, Spheres
 from .. import LoadOptions
 from . import accessors, lights, meshes, nodes, schema
 from .materials import Materials, uv_name
@@ -44,18 +44,14 @@ class Reader:
         shapes = self._shapes(placed)
         low, high = _bounds(placed)
         found = lights.read(s, tree.seen, tree.world, 0.5 * (low + high))
-        background: Background | None = None
-        if not found:
-            background, found = lights.surroundings()
         camera, settings = lights.camera(s, tree.seen, tree.world)
         s.reports.tell()
-        every: list[Light] = found
         return Scene(
             shapes=tuple(shapes),
             materials=self.materials.made,
             camera=camera,
-            background=background,
-            lights=tuple(every),
+            background=None,
+            lights=tuple(found),
             settings=settings,
             name=s.path.name,
         )
