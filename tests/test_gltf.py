@@ -1064,6 +1064,20 @@ def test_what_is_not_supported_is_told(read: Any, caplog: Any) -> None:
         read(f, strict=True)
 
 
+def test_ktx2_images_are_left_out(read: Any, caplog: Any) -> None:
+    f = File()
+    ktx = f.add("images", bufferView=f.view(b"\xabKTX 20\xbb\r\n\x1a\n" + bytes(64)))
+    basis = {"KHR_texture_basisu": {"source": ktx}}
+    texture = f.add("textures", extensions=basis)
+    f.material(pbrMetallicRoughness={"baseColorTexture": {"index": texture}})
+    f.json["extensionsRequired"] = ["KHR_texture_basisu"]
+    assert only_material(read(f)).params["color"] == (1.0, 1.0, 1.0)
+    assert "has no image that can be read (KHR_texture_basisu)" in caplog.text
+    f.json["textures"][texture] = {"source": ktx}
+    read(f)
+    assert "KTX2 images are not supported" in caplog.text
+
+
 def test_a_time_without_animations(read: Any) -> None:
     with pytest.raises(FormatError, match="the file has no animations"):
         read(File(), time=1.0)

@@ -120,9 +120,9 @@ def bounds(scene: Scene) -> tuple[Array, Array]:
 def reach(scene: Scene) -> tuple[Array, float]:
     """The middle of the box that holds what the scene is about, (3,), and how far that reaches."""
     low, high = bounds(scene)
-    middle = 0.5 * low + 0.5 * high
-    if not np.all(np.isfinite(middle)):
+    if not np.all(np.isfinite(high - low)):  # nothing to see
         return np.zeros(3), 0.0
+    middle = 0.5 * low + 0.5 * high
     radius = 0.0
     for centers, radii in subject(scene):
         away = np.linalg.norm(centers - middle, axis=1) + radii

@@ -177,8 +177,8 @@ class Images:
         if webp is not None:
             index = webp.source
         if index is None:
-            if "KHR_texture_basisu" in texture.extensions:
-                s.report("KHR_texture_basisu: KTX2 images are not supported; left out")
+            kinds = ", ".join(texture.extensions) or "it names none"
+            s.report(f"{place}: has no image that can be read ({kinds}); left out")
             return None
         s.item(s.document.images, "images", index, f"{place}.source")
         if index not in self._stored:
