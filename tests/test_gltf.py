@@ -572,6 +572,20 @@ def test_extensions_of_materials(
     ph.prepare(scene)
 
 
+def test_specular_and_glossy_textures(read: Any) -> None:
+    f = File()
+    mirror = np.array([[[255, 255, 255, 51], [0, 0, 0, 255]]], np.uint8)
+    glossy = {"diffuseTexture": f.picture(FOUR), "specularGlossinessTexture": f.picture(mirror)}
+    f.material(extensions={"KHR_materials_pbrSpecularGlossiness": glossy})
+    scene = read(f, strict=True)
+    params = only_material(scene).params
+    # left half a white mirror, right half the diffuse colour, green above white
+    assert texels(params["metallic"]).tolist() == [[255, 0], [255, 0]]
+    assert texels(params["roughness"]).tolist() == [[204, 0], [204, 0]]
+    assert texels(params["color"]).tolist() == [[[255] * 3, [0, 255, 0]], [[255] * 3, [255] * 3]]
+    ph.prepare(scene)
+
+
 def test_panes_without_volume_are_thin(read: Any) -> None:
     f = File()
     glass = {"KHR_materials_transmission": {"transmissionFactor": 1.0}}
@@ -763,7 +777,7 @@ def test_vertex_colours(read: Any) -> None:
     pbr["baseColorTexture"] = f.picture(pixels)
     scene = read(f, strict=True)
     found = only_material(scene).params
-    assert found["color"].params["color1"] == params["color"]
+    assert found["color"].params["color0"] == params["color"]
     assert found["opacity"].params["color1"] == params["opacity"]
     assert found["opacity"].params["color0"].params["channel"] == "a"
     assert_allclose(scene.shapes[0].attributes["vertex_color"], 0.5 * colors[:, :3])

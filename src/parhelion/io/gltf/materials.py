@@ -76,6 +76,7 @@ class Materials:
         self._source = source
         self._images = Images(source)
         self.made: dict[str, scene.Material] = {}
+        self._names: dict[str, int] = {}
         self._surfaces: dict[tuple[Any, ...], tuple[str, _Draft]] = {}
 
     def surface(self, index: int | None, colors: NDArray[np.float32] | None) -> Surface:
@@ -101,10 +102,11 @@ class Materials:
         return Surface(name, made.uv_set, tuple(made.others), made.textured, attributes)
 
     def _name(self, name: str) -> str:
-        number, chosen = 1, name
+        """The name, with a number if another material has it."""
+        chosen = name
         while chosen in self.made:
-            number += 1
-            chosen = f"{name} {number}"
+            self._names[name] = self._names.get(name, 1) + 1
+            chosen = f"{name} {self._names[name]}"
         return chosen
 
     # Vertex colours
@@ -231,8 +233,7 @@ class Materials:
             params["metallic"] = self._number(draft, info, 2, pbr.metallic_factor, name)
             params |= self._roughness(draft, info, pbr.roughness_factor, name)
         if draft.vertex_color:
-            own = scene.Texture("attribute", name="vertex_color")
-            base = times(base, own) if isinstance(base, scene.Texture) else own
+            base = times(scene.Texture("attribute", name="vertex_color"), base)
         common = self._common(draft, alpha_info, min(max(alpha, 0.0), 1.0) * draft.alpha)
         if "KHR_materials_unlit" in m.extensions:
             common.pop("normal_map", None)
@@ -518,28 +519,27 @@ class Materials:
         if None in sources:
             return {"color": _triple(diffuse), "metallic": 0.0, "roughness": 1.0 - gloss}
 
-        def texels(info: schema.TextureInfo | None, shape: tuple[int, int]) -> NDArray[Any]:
-            """Linear texels, the nearest ones where another image has more."""
-            if info is None:
-                return np.ones((1, 1, 4), np.float32)
-            index = self._images.source_of(info, draft.where)
-            assert index is not None
-            found = linear(self._images.pixels(index), True, 0, 1, 2, 3)
-            rows, columns = (
-                np.arange(n) * m // n for n, m in zip(shape, found.shape, strict=False)
-            )
-            return np.asarray(found[rows[:, None], columns])
+        stored = [self._images.pixels(i) for i in sources if i is not None]
+        height, width = max((p.shape[:2] for p in stored), key=lambda s: s[0] * s[1])
+        body, shine = stored[0] if first else None, stored[-1] if second else None
 
-        shapes = [self._images.pixels(i).shape[:2] for i in sources if i is not None]
-        shape = max(shapes, key=lambda s: s[0] * s[1])
+        def texels(pixels: NDArray[Any] | None, rows: NDArray[Any]) -> NDArray[Any]:
+            """Linear texels of some rows, the nearest ones where another image has more."""
+            if pixels is None:
+                return np.ones((len(rows), width, 4), np.float32)
+            y = rows * len(pixels) // height
+            x = np.arange(width) * pixels.shape[1] // width
+            return linear(pixels[y[:, None], x], True, 0, 1, 2, 3)
 
-        def make(part: str, _: NDArray[Any]) -> NDArray[Any]:
-            body, shine = texels(first, shape), texels(second, shape)
+        def make(part: str, rows: NDArray[Any]) -> NDArray[Any]:
+            matte, mirror = texels(body, rows), texels(shine, rows)
             if part == "roughness":
-                return to_bytes(1.0 - gloss * shine[:, :, 3])
-            color, metallic = _metallic(diffuse * body[:, :, :3], specular * shine[:, :, :3])
-            color, metallic = np.broadcast_to(color, (*shape, 3)), np.broadcast_to(metallic, shape)
+                return to_bytes(1.0 - gloss * mirror[:, :, 3])
+            color, metallic = _metallic(diffuse * matte[:, :, :3], specular * mirror[:, :, :3])
             return to_bytes(srgb_encoded(color)) if part == "color" else to_bytes(metallic)
+
+        def bands(part: str, _: NDArray[Any]) -> NDArray[Any]:
+            return in_bands(partial(make, part), np.arange(height))
 
         found: dict[str, Any] = {}
         uvs = self._uvs(draft, infos[-1], where[-1])
@@ -549,7 +549,7 @@ class Materials:
                 found[part] = 1.0 - gloss
                 continue
             found[part] = self._images.image(
-                infos[-1], draft.where, uvs, partial(make, part), (part, *key), color_space=space
+                infos[-1], draft.where, uvs, partial(bands, part), (part, *key), color_space=space
             )
         return found
 
