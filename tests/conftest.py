@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -21,3 +23,14 @@ def shared_scenes() -> Path:
     if not SHARED.is_dir():
         pytest.skip("the shared scenes are not here: ../shared/scenes")
     return SHARED
+
+
+@pytest.fixture(autouse=True)
+def _log_as_it_was() -> Iterator[None]:
+    """The command line sets how much is said, for the whole process."""
+    log = logging.getLogger("parhelion")
+    level, handlers, propagates = log.level, list(log.handlers), log.propagate
+    yield
+    log.setLevel(level)
+    log.handlers[:] = handlers
+    log.propagate = propagates

@@ -312,8 +312,12 @@ def test_info_lists_every_material_and_parameter(capsys: pytest.CaptureFixture[s
             )
             assert re.search(rf"^  {entry.name}: {re.escape(entry.doc)}{notes}$", part, re.M)
             for p in entry.params:
+                if (entry.name, p.name) == ("attribute", "name"):
+                    assert re.search(r"^    name  .* \(text\)$", part, re.M)
+                    continue
                 values = " or ".join(p.choices) if p.choices else p.range()
                 assert re.search(rf"    {p.name} = .*\({re.escape(values)}\)$", part, re.M)
+    assert "every material also takes: absorption, back, bump_map, emission" in text
 
 
 def test_info_lists_every_kind_of_shape(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

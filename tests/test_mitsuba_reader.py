@@ -447,7 +447,6 @@ def test_masks_in_masks_and_blends(read: Read, caplog: pytest.LogCaptureFixture)
     assert found.params["opacity"] == pytest.approx(0.75 * 0.4 + 0.25)
     assert found.params["weight"] == pytest.approx(0.25 / 0.55)
     assert "opacity" not in found.params["a"].params
-    caplog.clear()
     sides = blend.format(white, '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf>')
     read(f'<shape type="sphere">{sides}</shape>')
     assert "both backs are shown" in caplog.text
