@@ -138,8 +138,11 @@ def _mdanalysis(thing: Any, options: LoadOptions) -> _Made:
 
 
 def _pyvista(thing: Any, options: LoadOptions) -> _Made:
-    if hasattr(thing, "extract_surface") and not hasattr(thing, "faces"):
-        thing = thing.extract_surface()  # of a grid
+    if hasattr(thing, "extract_surface") and not hasattr(thing, "faces"):  # a grid
+        try:
+            thing = thing.extract_surface(algorithm=None)
+        except TypeError:  # before version 0.47
+            thing = thing.extract_surface()
     data, points = thing, _floats(thing.points)
     faces = np.empty((0, 3), np.int64)
     if hasattr(data, "triangulate") and len(getattr(data, "faces", ())):
