@@ -80,7 +80,7 @@ def add_loading(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=0,
         metavar="K",
-        help="of a trajectory, from 0; negative counts from the end",
+        help="of a trajectory, from 0; negative counts from the end; of USD, the time code",
     )
 
 

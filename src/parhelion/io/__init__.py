@@ -44,6 +44,10 @@ FORMATS: dict[str, str] = {
     ".off": "mesh_file",
     ".obj": "obj",
     ".pbrt": "pbrt",
+    ".usd": "usd",
+    ".usda": "usd",
+    ".usdc": "usd",
+    ".usdz": "usd",
 }
 
 # endings that may follow those of FORMATS
@@ -62,7 +66,7 @@ class LoadOptions:
     color_by: a per-particle field to colour by. colormap: a Matplotlib colour map's name.
     color_range: field values at the two ends of the map; None for their 1st and 99th percentile.
     radius: one radius for all particles, "vdw" or "covalent"; None for the loader's choice. frame:
-    of a trajectory, from 0; negative counts from the end.
+    of a trajectory, from 0; negative counts from the end; of USD, the time code.
     defines: values of a scene's own parameters by name (Mitsuba's `-D name=value`). strict: what a
     scene asks for and is not supported is an error, not a warning. allow_paths: folders, besides
     the scene file's own, that its files may lie in.

@@ -1,0 +1,96 @@
+"""Camera and RenderSettings prims."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pxr import Sdf, UsdGeom, UsdRender
+
+from ...scene import Camera, Settings
+
+if TYPE_CHECKING:
+    from .reader import Matrix, Reader
+
+# Prims that are boundable or describe what is rendered, but are not seen
+UNSEEN = ("SkelRoot", "RenderSettings", "RenderProduct", "RenderVar", "RenderPass")
+
+# Focal lengths and apertures are in tenths of the stage's unit
+_TENTH = 0.1
+
+
+def chosen(r: Reader) -> tuple[Camera | None, Settings | None]:
+    """The camera that the stage names, else its first, and the size of the picture."""
+    settings = UsdRender.Settings.GetStageRenderSettings(r.stage)
+    named = settings.GetCameraRel().GetForwardedTargets() if settings else []
+    bound = r.stage.GetRootLayer().customLayerData.get("cameraSettings", {})
+    if not named and isinstance(bound, dict) and bound.get("boundCamera"):
+        text = str(bound["boundCamera"])
+        named = [Sdf.Path(text)] if Sdf.Path.IsValidPathString(text) else []
+    size = settings.GetResolutionAttr().Get(r.time) if settings else None
+    if not r.cameras:
+        return None, _sized(size, None)
+    found = [pair for pair in r.cameras if pair[0].GetPath() in named]
+    prim, matrix = (found or r.cameras)[0]
+    if not found and len(r.cameras) > 1:
+        r.report(f"{len(r.cameras)} cameras: the first, {prim.GetPath()}, is used")
+    camera, aspect = _camera(r, prim, matrix)
+    return camera, _sized(size, aspect)
+
+
+def _sized(size: Any, aspect: float | None) -> Settings | None:
+    """size: of RenderSettings. aspect: the camera's width over its height."""
+    if size is not None and 1 <= size[0] <= 65536 and 1 <= size[1] <= 65536:
+        return Settings(width=int(size[0]), height=int(size[1]))
+    if aspect is None:
+        return None
+    width = Settings().width
+    return Settings(width=width, height=int(min(max(round(width / aspect), 1), 65536)))
+
+
+def _camera(r: Reader, prim: Any, matrix: Matrix) -> tuple[Camera, float]:
+    camera = UsdGeom.Camera(prim)
+    width = r.number(prim, camera.GetHorizontalApertureAttr())
+    height = r.number(prim, camera.GetVerticalApertureAttr())
+    focal = r.number(prim, camera.GetFocalLengthAttr())
+    if not (width > 0.0 and height > 0.0 and focal > 0.0):
+        raise r.error(prim, f"aperture {width:g} x {height:g} and focal length {focal:g}: not > 0")
+    linear = matrix[:3, :3]
+    size = np.linalg.norm(linear, axis=0)
+    if not (size > 0.0).all() or abs(np.linalg.det(linear / size)) < 1e-9:
+        raise r.error(prim, "its transform cannot be inverted")
+    axes = linear / size
+    if np.abs(axes.T @ axes - np.eye(3)).max() > 1e-3:
+        r.report(f"{prim.GetPath()}: its transform shears, which a camera cannot")
+    eye = matrix[:3, 3]
+    placed: dict[str, Any] = {
+        "eye": _triple(eye),
+        "up": _triple(axes[:, 1]),
+        "mirrored": bool(np.linalg.det(axes) < 0.0),
+        "shift": (
+            r.number(prim, camera.GetHorizontalApertureOffsetAttr()) / width,
+            -r.number(prim, camera.GetVerticalApertureOffsetAttr()) / height,
+        ),
+    }
+    brightness = float(camera.ComputeLinearExposureScale(r.time))
+    if brightness != 1.0:
+        r.report(f"{prim.GetPath()}: exposure, a factor of {brightness:.3g}: not supported")
+    focus = r.number(prim, camera.GetFocusDistanceAttr())
+    stop = r.number(prim, camera.GetFStopAttr())
+    # far enough that the direction survives the subtraction of the eye
+    target = eye - axes[:, 2] * max(float(np.abs(eye).max()), 1.0)
+    if camera.GetProjectionAttr().Get(r.time) == "orthographic":
+        made = Camera(
+            projection="orthographic", height=_TENTH * height, target=_triple(target), **placed
+        )
+        return made, width / height
+    lens: dict[str, Any] = {}
+    if stop > 0.0 and focus > 0.0:
+        lens = {"aperture_radius": 0.5 * _TENTH * focal / stop, "focus_distance": focus}
+    vfov = math.degrees(2.0 * math.atan(0.5 * height / focal))
+    return Camera(vfov=vfov, target=_triple(target), **lens, **placed), width / height
+
+
+def _triple(v: Matrix) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])

@@ -1,0 +1,148 @@
+"""Opening a stage: its layers, where they lie, and what the library says of them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pxr import Ar, Pcp, Sdf, Tf, Usd, UsdUtils
+
+from ...errors import FormatError, SceneError
+from .. import LoadOptions
+from ..files import Folders, Reports
+from . import crate
+
+# Files that a stage may be made of
+_MOST_LAYERS = 100_000
+# Prims in prims; the library walks over them by recursion, and far deeper it ends the process
+_DEEPEST = 2000
+
+
+@contextmanager
+def opened(path: Path, options: LoadOptions) -> Iterator[tuple[Any, Folders, Reports]]:
+    """The stage, the folders its files may lie in, and what to note reports in.
+
+    While it is open, the library's errors are FormatErrors that begin with the path, and its
+    warnings are not printed.
+    """
+    folders = Folders(path.parent, options.allow_paths)
+    reports = Reports(path, options.strict)
+    quiet = UsdUtils.CoalescingDiagnosticDelegate()
+    try:
+        layers = _layers(path, folders, reports)
+        stage = Usd.Stage.Open(layers[0])
+        for error in stage.GetCompositionErrors():
+            if isinstance(error, (Pcp.ErrorArcCycle, Pcp.ErrorSublayerCycle)):
+                raise FormatError(f"{path}: {_sentence(str(error), path)}")
+            # a file that is missing has been noted
+            if not isinstance(error, (Pcp.ErrorInvalidAssetPath, Pcp.ErrorInvalidSublayerPath)):
+                reports.add(_sentence(str(error), path))
+        for layer in stage.GetUsedLayers():  # names may depend on what has been composed
+            _check(layer.realPath, folders, f"{path}: {layer.identifier}")
+        yield stage, folders, reports
+    except Tf.ErrorException as error:
+        raise FormatError(f"{path}: cannot be read as USD: {_reason(error, path)}") from None
+    except UnicodeDecodeError as error:
+        raise FormatError(f"{path}: holds a name or a text that is not UTF-8: {error}") from None
+    except FormatError:
+        raise
+    except SceneError as error:
+        text = str(error)
+        raise FormatError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+    finally:
+        quiet.TakeUncoalescedDiagnostics()
+
+
+def _layers(path: Path, folders: Folders, reports: Reports) -> list[Any]:
+    """The layer of a file, and all that it is made of; none is opened that may not be.
+
+    Composition would open them without asking.
+    """
+    _refuse_deep_text(path, str(path))
+    crate.check(path, str(path))
+    root = Sdf.Layer.FindOrOpen(str(path.resolve()))
+    if root is None:
+        raise FormatError(f"{path}: cannot be read as USD")
+    found, seen = [root], {root.identifier}
+    for layer in found:
+        _refuse_deep(layer, f"{path}: {Path(layer.identifier).name}")
+        for name in layer.GetCompositionAssetDependencies():
+            asset = layer.ComputeAbsolutePath(name)
+            asset, _ = Sdf.Layer.SplitIdentifier(asset)
+            if not asset or asset in seen:
+                continue
+            seen.add(asset)
+            where = f"{path}: {Path(layer.identifier).name}: {name!r}"
+            resolved = Ar.GetResolver().Resolve(asset).GetPathString()
+            _check(resolved or asset, folders, where)
+            if not resolved:
+                reports.add(f"{name!r}: no such file; left out")
+                continue
+            if len(found) == _MOST_LAYERS:
+                raise FormatError(f"{path}: is made of more than {_MOST_LAYERS} files")
+            _refuse_deep_text(Path(resolved), where)
+            if Path(resolved).is_file():
+                crate.check(Path(resolved), where)
+            try:
+                inner = Sdf.Layer.FindOrOpen(asset)
+            except Tf.ErrorException as error:
+                raise FormatError(f"{where}: {_reason(error, Path(resolved))}") from None
+            if inner is not None:
+                found.append(inner)
+    return found
+
+
+def _refuse_deep_text(file: Path, where: str) -> None:
+    """Raises FormatError for a text with brackets in brackets without end."""
+    if not file.is_file():  # in an archive, where there are few texts
+        return
+    with file.open("rb") as stream:
+        if stream.read(5) != b"#usda":
+            return
+        text = np.frombuffer(stream.read(), np.uint8)
+    open_ = np.cumsum((text == ord("{")).astype(np.int8) - (text == ord("}")), dtype=np.int32)
+    if (open_ - np.minimum.accumulate(open_)).max(initial=0) > _DEEPEST:
+        raise FormatError(f"{where}: has prims in prims, more than {_DEEPEST} deep")
+
+
+def _refuse_deep(layer: Any, where: str) -> None:
+    """Raises FormatError for a layer with prims in prims without end."""
+    level = list(layer.rootPrims)
+    for _ in range(_DEEPEST):
+        level = [child for prim in level if prim for child in prim.nameChildren]
+        if not level:
+            return
+    raise FormatError(f"{where}: has prims in prims, more than {_DEEPEST} deep")
+
+
+def _check(asset: str, folders: Folders, where: str) -> None:
+    """Raises SceneError for a file that lies elsewhere; of an archive's, the archive counts."""
+    outer = Ar.SplitPackageRelativePathOuter(asset)[0]
+    if not outer:  # in memory
+        return
+    try:
+        allowed = folders.allows(Path(outer).resolve())
+    except (OSError, RuntimeError, ValueError):  # too long, a loop of links, a NUL
+        allowed = False
+    if not allowed:
+        raise folders.outside(asset, where)
+
+
+def _reason(error: Any, path: Path) -> str:
+    """What the library says, without its places in its own source."""
+    try:
+        said = "; ".join(part.commentary for part in error.args if hasattr(part, "commentary"))
+    except UnicodeDecodeError:  # it quotes what it could not read
+        said = "it holds bytes that are no text"
+    return _sentence(said.replace(f"<{path.resolve()}>", "it"), path)
+
+
+def _sentence(text: str, path: Path) -> str:
+    """On one line, files by their names from the stage's folder, without layers in memory."""
+    text = re.sub(",?@anon:[^@]*@", "", text.replace(f"{path.resolve().parent}/", ""))
+    line = " ".join(text.split())
+    return line if len(line) <= 300 else line[:297] + "..."
