@@ -177,14 +177,16 @@ inline float grid(const T* table, u32 stride, const Cubic& x, const Rest&... res
 
 PH_INLINE float mean(Vec3 c) { return (c.x + c.y + c.z) * (1.0f / 3.0f); }
 
-// The cubic root of ln(eta) / ln(10): indices near 1 need the most nodes.
+// The fourth root of ln(eta) / ln(10): indices near 1 need the most nodes.
 inline float index_coordinate(float eta) {
-  return pow(max(log(eta), 0.0f) * (1.0f / kLogMaxIndex), 1.0f / 3.0f);
+  return sqrt(sqrt(max(log(eta), 0.0f) * (1.0f / kLogMaxIndex)));
 }
 
 PH_INLINE float angle_coordinate(float cosine, float alpha) {
-  const float z = abs(cosine);
-  return sqrt(z * (1.0f + 2.0f * alpha) / (z + 2.0f * alpha));
+  const float z = abs(cosine), width = 2.0f * alpha, scale = 1.0f / (z + width);
+  const float grazing = sqrt(z * (1.0f + width) * scale);
+  const float steep = safe_sqrt(width * (1.0f - z) * scale);
+  return (grazing + kBend * (1.0f - steep)) * (1.0f / (1.0f + kBend));
 }
 
 // Along the cosine seen from within glass of the index 1 / eta: a step at the critical angle, as
@@ -203,8 +205,6 @@ PH_INLINE float inner_coordinate(float cosine, float alpha, float eta) {
 PH_INLINE bool isotropic(const Microfacets& d) {
   return abs(d.alpha_u - d.alpha_v) <= 1e-3f * d.alpha_u;
 }
-
-inline Cubic alpha_place(float alpha) { return cubic(sqrt(alpha), kAlphas); }
 
 // Share of the light from w that metal sends back, but for a factor that makes it reciprocal, where
 // slopes along x and y differ.
@@ -300,16 +300,16 @@ inline float glass_albedo(const Microfacets& d, Vec3 w, float eta) {
   }
   const u32 distribution = static_cast<u32>(d.distribution);
   const float alpha = d.alpha_u, z = min(abs(w.z), 1.0f);
-  const Cubic y = alpha_place(alpha);
   if (eta >= 1.0f) {
-    constexpr u32 kRow = kOuterAngles, kPage = kAlphas * kRow;
+    constexpr u32 kRow = kOuterAngles, kPage = kOuterAlphas * kRow;
     return grid(kGlassOuter + distribution * kIndices * kPage, kPage,
-                cubic(index_coordinate(eta), kIndices), kRow, y,
+                cubic(index_coordinate(eta), kIndices), kRow, cubic(sqrt(alpha), kOuterAlphas),
                 cubic(angle_coordinate(z, alpha), kOuterAngles));
   }
-  constexpr u32 kRow = kInnerAngles, kPage = kAlphas * kRow;
+  constexpr u32 kRow = kInnerAngles, kPage = kInnerAlphas * kRow;
   return grid(kGlassInner + distribution * kInnerIndices * kPage, kPage,
-              cubic(index_coordinate(1.0f / eta), kInnerIndices), kRow, y,
+              cubic(index_coordinate(1.0f / eta), kInnerIndices), kRow,
+              cubic(sqrt(alpha), kInnerAlphas),
               cubic(inner_coordinate(z, alpha, eta), kInnerAngles));
 }
 
@@ -323,7 +323,8 @@ struct Coat {
 };
 
 inline Coat make_coat(const Microfacets& d, float eta) {
-  return {d, eta, smooth(d), cubic(index_coordinate(eta), kIndices), alpha_place(d.alpha_u)};
+  return {d, eta, smooth(d), cubic(index_coordinate(eta), kIndices),
+          cubic(sqrt(d.alpha_u), kCoatAlphas)};
 }
 
 inline Bounces coat_albedo(const Coat& c, Vec3 w) {
@@ -335,10 +336,10 @@ inline Bounces coat_albedo(const Coat& c, Vec3 w) {
   if (!isotropic(c.facets)) return count_bounces(c.facets, {w.x, w.y, z}, c.eta, false);
   const float share =
       fresnel_dielectric(sqrt(z * z + alpha * alpha * (1.0f - z * z)), c.eta).reflected;
-  const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kAlphas * kCoatAngles;
+  const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kCoatAlphas * kCoatAngles;
   const Cubic x = cubic(angle_coordinate(z, alpha), kCoatAngles);
   const auto less = [&](const auto* table) {
-    return grid(table + first, kAlphas * kCoatAngles, c.index, kCoatAngles, c.alpha, x);
+    return grid(table + first, kCoatAlphas * kCoatAngles, c.index, kCoatAngles, c.alpha, x);
   };
   return {clamp(share - less(kCoatReflected), 0.0f, 1.0f),
           clamp(1.0f - share - less(kCoatRefracted), 0.0f, 1.0f)};
@@ -348,14 +349,14 @@ inline Bounces coat_albedo(const Coat& c, Vec3 w) {
 inline float coat_mean(const Coat& c) {
   const float share = grid(kSmoothMean, cubic(index_coordinate(c.eta), kFineIndices));
   if (c.smooth) return share;
-  const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kAlphas;
-  return share - grid(kCoatMean + first, kAlphas, c.index, c.alpha);
+  const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kCoatAlphas;
+  return share - grid(kCoatMean + first, kCoatAlphas, c.index, c.alpha);
 }
 
 // and of light from within, in single bounces.
 inline float coat_mean_within(const Coat& c) {
-  const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kAlphas;
-  return grid(kCoatWithin + first, kAlphas, c.index, c.alpha);
+  const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kCoatAlphas;
+  return grid(kCoatWithin + first, kCoatAlphas, c.index, c.alpha);
 }
 
 }  // namespace parhelion::PH_ISA

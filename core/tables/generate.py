@@ -1,4 +1,6 @@
-"""Makes microfacet.h, the tables of what rough surfaces reflect: python generate.py > microfacet.h.
+"""Makes microfacet.h, the tables of what rough surfaces reflect.
+
+    python generate.py [part ...]    all, or only those parts anew; their names are in PARTS
 
 One bounce on a microsurface with Smith's masking loses what would have bounced again. Here masking
 is height-correlated, G2 = 1 / (1 + Lambda(o) + Lambda(i)).
@@ -26,46 +28,55 @@ kept as a histogram over the table's own coordinates, and interpolated as the re
 
 All are interpolated by cubics through four nodes.
 
-Coordinates. Angles from the normal: t^2 = z (1 + 2 alpha) / (z + 2 alpha), where losses of all
-small alphas look alike; in glass a step at the critical angle, 2 alpha wide, is added. Alphas:
-their roots. Index: the cubic root of ln(eta) / ln(10). Ratio of the alphas: its root. Azimuth: the
-fourth root of the alpha that slopes have along it, from 0 at the smaller to 1 at the larger.
+Coordinates. Angles from the normal: with sin(p)^2 = z (1 + 2 alpha) / (z + 2 alpha), where losses
+of all small alphas look alike, sin(p) + BEND (1 - cos(p)), scaled to [0, 1]. Next to the normal it
+goes as the sine of the angle, whose third power is in what facets send below the horizon. In glass
+a step at the critical angle, 2 alpha wide, is added. Alphas: their roots. Index: the fourth root of
+ln(eta) / ln(10). Ratio of the alphas: its root. Azimuth: the fourth root of the alpha that slopes
+have along it, from 0 at the smaller to 1 at the larger.
 """
 
+import re
+import sys
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import numpy as np
 from scipy.special import erf, erfinv
 
-ALPHAS = 20
-METAL_ALPHAS = 32
-METAL_ANGLES, OUTER_ANGLES, INNER_ANGLES, COAT_ANGLES = 24, 24, 32, 24
-INDICES, INNER_INDICES = 20, 32  # from 1 to 10
+METAL_ALPHAS, OUTER_ALPHAS, INNER_ALPHAS, COAT_ALPHAS = 32, 20, 28, 28
+METAL_ANGLES, OUTER_ANGLES, INNER_ANGLES, COAT_ANGLES = 32, 24, 40, 24
+INDICES, INNER_INDICES = 24, 44  # from 1 to 10
 FINE_INDICES = 64
 # Of surfaces whose slopes differ: larger alphas, ratios of the smaller to it, azimuths, angles
-STRETCHED = 15, 11, 9, 16
+STRETCHED = 15, 11, 9, 20
 LEAST_RATIO = 1e-3
 LATTICE_NORMALS, LATTICE_STEP = 384, 173  # a step whose lattice has all its points far apart
 SHEEN_ALPHAS, SHEEN_ANGLES = 8, 32
 FILM_FIRST, FILM_STEP, FILM_WAVELENGTHS = 400, 15, 20  # nanometres
 MAX_INDEX = 10.0
+BEND = 0.3
 BINS = 2048
 STRETCHED_BINS = 48, 256
 UNIT = 1 << 15  # 1.0 in the tables
 
 # Interpolation errs by up to this much of the energy, so that much is given away.
-MARGIN = {"metal": 4e-4, "stretched": 4e-4, "outer": 4e-4, "inner": 4e-4}
+MARGIN = {"metal": 2e-4, "stretched": 3e-4, "outer": 2e-4, "inner": 3e-4}
 
 DISTRIBUTIONS = ("ggx", "beckmann")
 LATTICE = 17711, 10946
 
 
 def to_t(z, alpha):
-    return np.sqrt(z * (1 + 2 * alpha) / (z + 2 * alpha))
+    sine = np.sqrt(z * (1 + 2 * alpha) / (z + 2 * alpha))
+    cosine = np.sqrt(np.maximum(2 * alpha * (1 - z) / (z + 2 * alpha), 0))
+    return (sine + BEND * (1 - cosine)) / (1 + BEND)
 
 
 def from_t(t, alpha):
-    return 2 * alpha * t**2 / (1 + 2 * alpha - t**2)
+    p = np.arcsin((t * (1 + BEND) - BEND) / np.hypot(1, BEND)) + np.arctan(BEND)
+    sine2 = np.clip(np.sin(p), 0, 1) ** 2
+    return 2 * alpha * sine2 / (1 + 2 * alpha - sine2)
 
 
 def direction(z, across=0.0):
@@ -156,15 +167,18 @@ def interpolation(count, bins):
     return matrix
 
 
-def scaling(kernel, values, steps=200):
-    """1 / c at the nodes, for the histograms (nodes, bins) and the interpolation (bins, nodes)."""
+def scaling(kernel, values, steps=50):
+    """1 / c at the nodes, for the histograms (nodes, bins) and the interpolation (bins, nodes).
+
+    Errors shrink to half or less at each step: by (1 - x) / 2, x the eigenvalues, from 0 to 1.
+    """
     e = np.ones(len(kernel))
     for _ in range(steps):
         e = np.sqrt(e * (kernel @ (1 / (values @ e))))
     return e
 
 
-def alphas(count=ALPHAS):
+def alphas(count):
     return np.maximum(np.linspace(0, 1, count) ** 2, 1e-4)
 
 
@@ -189,30 +203,34 @@ def histogram(places, shares, bins):
     return np.bincount(np.minimum(places, bins - 1), shares, bins) / len(places)
 
 
+def stretched_page(kind, u, v, count_w, count_t):
+    """Of the alphas u > v, (azimuths, angles)."""
+    bins_w, bins_t = STRETCHED_BINS
+    values = np.kron(interpolation(count_w, bins_w), interpolation(count_t, bins_t))
+    low, high = v**0.25, u**0.25
+    kernel = []
+    for w in np.linspace(0, 1, count_w):
+        along = (low + w * (high - low)) ** 4
+        across = np.sqrt(np.clip((u**2 - along**2) / (u**2 - v**2), 0, 1))
+        for z in angle_nodes(count_t, along):
+            rows = Rows(kind, (u, v), direction(z, across))
+            x, y, height = rows.mirrored.T
+            flat = np.maximum(np.hypot(x, y), 1e-12)
+            slope = np.hypot(u * x / flat, v * y / flat)
+            at_w = np.clip((slope**0.25 - low) / (high - low), 0, 1 - 1e-9) * bins_w
+            at_t = to_t(np.clip(height, 0, 1), slope) * bins_t
+            places = at_w.astype(int) * bins_t + np.minimum(at_t.astype(int), bins_t - 1)
+            kernel.append(histogram(places, rows.reflected(), bins_w * bins_t))
+    return scaling(np.array(kernel), values).reshape(count_w, count_t)
+
+
 def stretched_table(kind):
     """Of surfaces of slopes that differ (larger alpha, ratio, azimuth, angle)."""
     count_a, count_r, count_w, count_t = STRETCHED
-    bins_w, bins_t = STRETCHED_BINS
-    values = np.kron(interpolation(count_w, bins_w), interpolation(count_t, bins_t))
     table = np.zeros(STRETCHED)
     for i, u in enumerate(alphas(count_a)):
         for j, ratio in enumerate(np.maximum(np.linspace(0, 1, count_r) ** 2, LEAST_RATIO)):
-            v = min(ratio, 1 - 1e-4) * u
-            low, high = v**0.25, u**0.25
-            kernel = []
-            for w in np.linspace(0, 1, count_w):
-                along = (low + w * (high - low)) ** 4
-                across = np.sqrt(np.clip((u**2 - along**2) / (u**2 - v**2), 0, 1))
-                for z in angle_nodes(count_t, along):
-                    rows = Rows(kind, (u, v), direction(z, across))
-                    x, y, height = rows.mirrored.T
-                    flat = np.maximum(np.hypot(x, y), 1e-12)
-                    slope = np.hypot(u * x / flat, v * y / flat)
-                    at_w = np.clip((slope**0.25 - low) / (high - low), 0, 1 - 1e-9) * bins_w
-                    at_t = to_t(np.clip(height, 0, 1), slope) * bins_t
-                    places = at_w.astype(int) * bins_t + np.minimum(at_t.astype(int), bins_t - 1)
-                    kernel.append(histogram(places, rows.reflected(), bins_w * bins_t))
-            table[i, j] = scaling(np.array(kernel), values).reshape(count_w, count_t)
+            table[i, j] = stretched_page(kind, u, min(ratio, 1 - 1e-4) * u, count_w, count_t)
     return table * np.sqrt(1 + MARGIN["stretched"])
 
 
@@ -227,54 +245,66 @@ def normal_lattice():
 
 
 def indices(count=INDICES):
-    return MAX_INDEX ** (np.linspace(0, 1, count) ** 3)
+    return MAX_INDEX ** (np.linspace(0, 1, count) ** 4)
 
 
-def inner_nodes(alpha, eta):
-    """Cosines on the dense side; eta < 1."""
+def inner_place(z, alpha, eta):
+    """The coordinate of cosines on the dense side; eta < 1."""
     critical = np.sqrt(1 - eta**2)
 
     def step(z):
         return (z - critical) / np.hypot(z - critical, 2 * alpha)
 
+    return (to_t(z, alpha) + step(z) - step(0)) / (1 + step(1) - step(0))
+
+
+def inner_nodes(alpha, eta):
+    critical = np.sqrt(1 - eta**2)
     fine = np.linspace(0, 1, 8192)
     near = 2 * alpha * np.tan(fine[:-1] * np.pi / 2)
     z = np.concatenate([fine, from_t(fine, alpha), critical + near, critical - near])
     z = np.unique(np.clip(z, 0, 1))
-    x = (to_t(z, alpha) + step(z) - step(0)) / (1 + step(1) - step(0))
-    return np.clip(np.interp(np.linspace(0, 1, INNER_ANGLES), x, z), 1e-6, 1)
-
-
-def glass_tables(kind):
-    """Albedos (indices, alphas, angles) of the thin side, and of the dense side."""
-    outer = np.zeros((INDICES, ALPHAS, OUTER_ANGLES))
-    inner = np.zeros((INNER_INDICES, ALPHAS, INNER_ANGLES))
-    # 1 + 1e-5 stands for the limit; 1 itself would have no dense side
-    outer_etas, inner_etas = (
-        np.maximum(indices(), 1 + 1e-5),
-        np.maximum(indices(INNER_INDICES), 1 + 1e-5),
+    return np.clip(
+        np.interp(np.linspace(0, 1, INNER_ANGLES), inner_place(z, alpha, eta), z), 1e-6, 1
     )
-    for k, alpha in enumerate(alphas()):
+
+
+# 1 + 1e-5 stands for the limit; 1 itself would have no dense side
+LEAST_INDEX = 1 + 1e-5
+
+
+def outer_table(kind):
+    """Albedos (indices, alphas, angles) of the thin side."""
+    table = np.zeros((INDICES, OUTER_ALPHAS, OUTER_ANGLES))
+    for k, alpha in enumerate(alphas(OUTER_ALPHAS)):
         for j, z in enumerate(angle_nodes(OUTER_ANGLES, alpha)):
             rows = Rows(kind, (alpha, alpha), direction(z))
-            outer[:, k, j] = [sum(rows.bounces(eta)) for eta in outer_etas]
-        for i, eta in enumerate(inner_etas):
-            for j, z in enumerate(inner_nodes(alpha, 1 / eta)):
+            table[:, k, j] = [sum(rows.bounces(max(eta, LEAST_INDEX))) for eta in indices()]
+    return table * (1 + MARGIN["outer"])
+
+
+def inner_table(kind):
+    """Of the dense side."""
+    table = np.zeros((INNER_INDICES, INNER_ALPHAS, INNER_ANGLES))
+    for k, alpha in enumerate(alphas(INNER_ALPHAS)):
+        for i, index in enumerate(indices(INNER_INDICES)):
+            eta = 1 / max(index, LEAST_INDEX)
+            for j, z in enumerate(inner_nodes(alpha, eta)):
                 rows = Rows(kind, (alpha, alpha), direction(z))
-                inner[i, k, j] = sum(rows.bounces(1 / eta))
-    return outer * (1 + MARGIN["outer"]), inner * (1 + MARGIN["inner"])
+                table[i, k, j] = sum(rows.bounces(eta))
+    return table * (1 + MARGIN["inner"])
 
 
 def coat_tables(kind):
-    """What a rough coat reflects and refracts less, (2, INDICES, alphas, angles); the mean of the
+    """How much less a rough coat reflects, and refracts, (indices, alphas, angles); the mean of the
     former over diffuse light; and the mean that is reflected from within.
     """
-    less = np.zeros((2, INDICES, ALPHAS, COAT_ANGLES))
-    mean, within = np.zeros((2, INDICES, ALPHAS))
+    less = np.zeros((2, INDICES, COAT_ALPHAS, COAT_ANGLES))
+    mean, within = np.zeros((2, INDICES, COAT_ALPHAS))
     places = np.linspace(0, 1, BINS + 1)
     values = interpolation(COAT_ANGLES, BINS)
     inner_z = np.linspace(0, 1, 64)  # both ends whole: the quadrature of Mitsuba's roughplastic
-    for k, alpha in enumerate(alphas()):
+    for k, alpha in enumerate(alphas(COAT_ALPHAS)):
 
         def smooth(z, eta, alpha=alpha):
             return fresnel(np.hypot(z, alpha * np.sqrt(1 - z * z)), eta)[0]
@@ -293,7 +323,7 @@ def coat_tables(kind):
             within[i, k] = np.mean(
                 [2 * x * r.bounces(1 / eta, False)[0] for x, r in zip(inner_z, inner, strict=True)]
             )
-    return less, mean, within
+    return *less, mean, within
 
 
 def smooth_means():
@@ -359,10 +389,10 @@ def text(name, tables, comment):
     return f"// {comment}\nPH_TABLE {kind} {name}[{numbers.size}] = {{\n{body}\n}};\n"
 
 
-def floats(name, values):
+def floats(name, values, comment):
     lines = np.reshape(values, (-1, 6))
     body = "\n".join("  " + " ".join(f"{v:.7f}f," for v in line) for line in lines)
-    return f"PH_TABLE float {name}[{np.size(values)}] = {{\n{body}\n}};\n"
+    return f"// {comment}\nPH_TABLE float {name}[{np.size(values)}] = {{\n{body}\n}};\n"
 
 
 HEADER = """// Made by generate.py, which says what is in it. Numbers are in units of 2^-15.
@@ -377,52 +407,101 @@ using i16 = short;
 """
 
 
+# What makes the tables of each part, and their names and contents
+SHARED = "[distribution][index][alpha][angle]"
+PARTS = {
+    "metal": (metal_table, {"kMetalEscape": "[distribution][alpha][angle]"}),
+    "stretched": (
+        stretched_table,
+        {"kStretchedEscape": "[distribution][larger alpha][ratio][azimuth][angle]"},
+    ),
+    "outer": (outer_table, {"kGlassOuter": SHARED}),
+    "inner": (inner_table, {"kGlassInner": SHARED}),
+    "coat": (
+        coat_tables,
+        {
+            "kCoatReflected": f"less reflected than by a smooth coat, {SHARED}",
+            "kCoatRefracted": f"less refracted than by a smooth coat, {SHARED}",
+            "kCoatMean": "less reflected of diffuse light, [distribution][index][alpha]",
+            "kCoatWithin": "[distribution][index][alpha]",
+        },
+    ),
+    "mean": (smooth_means, {"kSmoothMean": "[index]"}),
+    "sheen": (sheen_table, {"kSheenAlbedo": "[alpha, from 1/4][root of the cosine]"}),
+    "lattice": (
+        normal_lattice,
+        {"kNormalLattice": "[cosine, sine, uniform number, Beckmann slope][normal]"},
+    ),
+    "film": (
+        film_weights,
+        {"kFilmWeights": "Of the spectrum, for linear RGB, [wavelength][channel]"},
+    ),
+}
+BY_DISTRIBUTION = "metal", "stretched", "outer", "inner", "coat"
+IN_FLOAT = "lattice", "film"
+
+
+def constants():
+    counts = {
+        "kMetalAlphas": METAL_ALPHAS,
+        "kMetalAngles": METAL_ANGLES,
+        "kOuterAlphas": OUTER_ALPHAS,
+        "kOuterAngles": OUTER_ANGLES,
+        "kInnerAlphas": INNER_ALPHAS,
+        "kInnerAngles": INNER_ANGLES,
+        "kCoatAlphas": COAT_ALPHAS,
+        "kCoatAngles": COAT_ANGLES,
+        "kIndices": INDICES,
+        "kInnerIndices": INNER_INDICES,
+        "kFineIndices": FINE_INDICES,
+        "kSheenAlphas": SHEEN_ALPHAS,
+        "kSheenAngles": SHEEN_ANGLES,
+        "kFilmWavelengths": FILM_WAVELENGTHS,
+        "kLatticeNormals": LATTICE_NORMALS,
+        "kStretchedAlphas": STRETCHED[0],
+        "kStretchedRatios": STRETCHED[1],
+        "kStretchedAzimuths": STRETCHED[2],
+        "kStretchedAngles": STRETCHED[3],
+    }
+    lines = [f"inline constexpr u32 {name} = {value};" for name, value in counts.items()]
+    lines += [
+        f"inline constexpr float kLogMaxIndex = {np.log(MAX_INDEX):.9f}f, kBend = {BEND}f;",
+        f"inline constexpr float kFilmFirst = {FILM_FIRST}.0f, kFilmStep = {FILM_STEP}.0f;",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def made(part, pool):
+    """{name: text} of the tables of a part."""
+    make, tables = PARTS[part]
+    if part not in BY_DISTRIBUTION:
+        values = [make()]
+    elif len(tables) == 1:
+        values = [list(pool.map(make, DISTRIBUTIONS))]
+    else:
+        values = zip(*pool.map(make, DISTRIBUTIONS), strict=True)
+    write = floats if part in IN_FLOAT else text
+    return {
+        name: write(name, value, comment)
+        for (name, comment), value in zip(tables.items(), values, strict=True)
+    }
+
+
 def main():
-    print(HEADER)
-    for name, value in (
-        ("kAlphas", ALPHAS),
-        ("kMetalAlphas", METAL_ALPHAS),
-        ("kMetalAngles", METAL_ANGLES),
-        ("kOuterAngles", OUTER_ANGLES),
-        ("kInnerAngles", INNER_ANGLES),
-        ("kCoatAngles", COAT_ANGLES),
-        ("kIndices", INDICES),
-        ("kInnerIndices", INNER_INDICES),
-        ("kFineIndices", FINE_INDICES),
-        ("kSheenAlphas", SHEEN_ALPHAS),
-        ("kSheenAngles", SHEEN_ANGLES),
-        ("kFilmWavelengths", FILM_WAVELENGTHS),
-        ("kLatticeNormals", LATTICE_NORMALS),
-        ("kStretchedAlphas", STRETCHED[0]),
-        ("kStretchedRatios", STRETCHED[1]),
-        ("kStretchedAzimuths", STRETCHED[2]),
-        ("kStretchedAngles", STRETCHED[3]),
-    ):
-        print(f"inline constexpr u32 {name} = {value};")
-    print(f"inline constexpr float kLogMaxIndex = {np.log(MAX_INDEX):.9f}f;")
-    print(f"inline constexpr float kFilmFirst = {FILM_FIRST}.0f, kFilmStep = {FILM_STEP}.0f;\n")
+    header = Path(__file__).with_name("microfacet.h")
+    parts = sys.argv[1:] or list(PARTS)
+    if unknown := set(parts) - set(PARTS):
+        sys.exit(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
+    tables = {}
+    if sys.argv[1:]:
+        found = re.findall(r"(// [^\n]*\nPH_TABLE \w+ (\w+)\[.*?\n};\n)", header.read_text(), re.S)
+        tables = {name: block for block, name in found}
     with ProcessPoolExecutor() as pool:
-        parts = metal_table, stretched_table, glass_tables, coat_tables
-        metal, stretched, glass, coat = (pool.map(part, DISTRIBUTIONS) for part in parts)
-        outer, inner = zip(*glass, strict=True)
-        less, mean, within = zip(*coat, strict=True)
-        print(text("kMetalEscape", list(metal), "[distribution][alpha][angle]"))
-        what = "[distribution][larger alpha][ratio][azimuth][angle]"
-        print(text("kStretchedEscape", list(stretched), what))
-    print(text("kGlassOuter", outer, "[distribution][index][alpha][angle]"))
-    print(text("kGlassInner", inner, "[distribution][index][alpha][angle]"))
-    what = "less {} than by a smooth coat, [distribution][index][alpha][angle]"
-    print(text("kCoatReflected", [t[0] for t in less], what.format("reflected")))
-    print(text("kCoatRefracted", [t[1] for t in less], what.format("refracted")))
-    print(text("kCoatMean", mean, "less reflected of diffuse light, [distribution][index][alpha]"))
-    print(text("kCoatWithin", within, "[distribution][index][alpha]"))
-    print(text("kSmoothMean", smooth_means(), "[index]"))
-    print(text("kSheenAlbedo", sheen_table(), "[alpha, from 1/4][root of the cosine]"))
-    print("// [cosine, sine, uniform number, Beckmann slope][normal]")
-    print(floats("kNormalLattice", normal_lattice()))
-    print("// Of the spectrum, for linear RGB, [wavelength][channel]")
-    print(floats("kFilmWeights", film_weights()))
-    print("}  // namespace parhelion\n// clang-format on")
+        for part in parts:
+            tables |= made(part, pool)
+    blocks = [tables[name] for _, names in PARTS.values() for name in names]
+    end = "}  // namespace parhelion\n// clang-format on\n"
+    header.write_text("\n".join([HEADER, constants(), *blocks, end]))
 
 
 if __name__ == "__main__":
