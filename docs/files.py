@@ -20,7 +20,7 @@ from typing import Any
 from parhelion.io import COMPRESSED, FORMATS
 
 PAGE = Path(__file__).parent / "files.md"
-PARTS = {"models", "meshes", "include", "fragments"}  # folders of scenes' parts
+PARTS = {"models", "meshes", "geometry", "include", "fragments"}  # folders of scenes' parts
 # What tells files of formats that we read from others of the same ending
 OWN = {".xml": b"<scene version", ".json": b'"parhelion"'}
 SECONDS = 300.0  # for one file
