@@ -11,6 +11,11 @@ A format module has these names:
 
 and raises FormatError, its text beginning with the path, for a file that it cannot read. Modules
 are imported only when a file of theirs is loaded.
+
+Other packages add such modules by an entry point of the group "parhelion.formats" for each ending:
+
+    [project.entry-points."parhelion.formats"]
+    ".vox" = "voxels.parhelion_format"
 """
 
 from __future__ import annotations
@@ -49,6 +54,9 @@ FORMATS: dict[str, str] = {
     ".usdc": "usd",
     ".usdz": "usd",
 }
+
+# where other packages list theirs
+ENTRY_POINTS = "parhelion.formats"
 
 # endings that may follow those of FORMATS
 COMPRESSED = (".gz", ".bz2", ".xz")
@@ -124,9 +132,7 @@ def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Sc
     if suffixes and suffixes[-1] in COMPRESSED:
         suffixes.pop()
     ending = suffixes[-1] if suffixes else ""
-    if ending not in FORMATS:
-        raise FormatError(f"{file}: {unknown_name('file ending', ending, FORMATS)}")
-    module = import_module(f".{FORMATS[ending]}", __name__)
+    module = _module(ending, file)
     options = options or LoadOptions()
     for option in fields(LoadOptions):
         known = (*module.OPTIONS, *EVERY_FORMAT)
@@ -151,6 +157,27 @@ def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Sc
         bare=getattr(module, "BARE", False),
         glow=getattr(module, "GLOW", 0.0),
     )
+
+
+def _module(ending: str, file: Path) -> Any:
+    """The module that reads files of that ending: ours, else that of an installed package."""
+    if ending in FORMATS:
+        return import_module(f".{FORMATS[ending]}", __name__)
+    from importlib.metadata import entry_points
+
+    others = {e.name.lower(): e for e in entry_points(group=ENTRY_POINTS)}
+    if ending not in others:
+        raise FormatError(f"{file}: {unknown_name('file ending', ending, [*FORMATS, *others])}")
+    try:
+        module = others[ending].load()
+    except Exception as error:
+        raise FormatError(
+            f"{file}: the reader {others[ending].value!r} cannot be imported: {error}"
+        ) from error
+    missing = [n for n in ("NAME", "OPTIONS", "load") if not hasattr(module, n)]
+    if missing:
+        raise FormatError(f"{file}: the reader {others[ending].value!r} has no {missing[0]}")
+    return module
 
 
 def _default(option: Field[Any]) -> Any:
