@@ -188,11 +188,6 @@ PH_INLINE void add_light(PathState& path, Vec3 radiance, float light_density) {
 
 // --- Bodies around a point ---------------------------------------------------------------------
 
-template <class Material>
-PH_INLINE bool transmits(const Material&) {
-  return kTransmits<Material>;
-}
-
 // The bodies that a point lies in: those that a ray from there leaves without having entered them.
 // The last that it leaves was entered first.
 inline Media media_around(const SceneView& scene, Vec3 point, Vec3 direction, bool tree) {
@@ -204,7 +199,6 @@ inline Media media_around(const SceneView& scene, Vec3 point, Vec3 direction, bo
     const Surface s = surface_at(scene, ray, hit);
     const MaterialRecord& m = *s.material;
     ray = ray_from(s, direction);
-    if (!with_material(m.block, {0, 0, 0}, [](const auto& of) { return transmits(of); })) continue;
     const u32 before = entered.count;
     const bool front = dot(direction, s.normal) < 0.0f;
     cross_boundary(scene, entered, m, front);

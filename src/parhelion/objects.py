@@ -23,7 +23,7 @@ from .scene import Curves, Cylinders, Disks, Instances, Mesh, Scene, Shape, Sphe
 from .studio import axis, dressed, framing
 
 _SHAPES = (Spheres, Mesh, Disks, Cylinders, Curves, Instances)
-# What library's vertices, not its particles, stand on
+# Up in the meshes of simulations and CAD, unless told otherwise
 _MESH_UP = "z"
 
 

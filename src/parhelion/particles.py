@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import elements
 from .errors import SceneError, unknown_name
 from .scene import Material, Scene, Spheres
+from .spectra import decode_srgb
 from .studio import framing
 
 if TYPE_CHECKING:
@@ -256,14 +257,9 @@ def neighbour_distance(positions: Floats) -> float:
 
 
 def linear(srgb: ArrayLike) -> NDArray[np.float32]:
-    """Linear Rec. 709 RGB of sRGB values: 8-bit integers, or numbers within [0, 1].
-
-    The transfer function is that of IEC 61966-2-1.
-    """
+    """Linear Rec. 709 RGB of sRGB values: 8-bit integers, or numbers within [0, 1]."""
     values = np.asarray(srgb)
-    v = values / 255.0 if values.dtype == np.uint8 else values.astype(np.float64)
-    low = v <= 0.04045
-    return np.where(low, v / 12.92, ((np.maximum(v, 0) + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return decode_srgb(values / 255.0 if values.dtype == np.uint8 else values.astype(np.float64))
 
 
 def _colors(particles: Particles, options: LoadOptions) -> NDArray[np.float32]:

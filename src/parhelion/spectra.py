@@ -34,6 +34,26 @@ _FROM_XYZ = (
 )
 
 
+# Weights of linear Rec. 709 red, green and blue in luminance: the row of y in the inverse of that
+LUMINANCE = (0.212671, 0.715160, 0.072169)
+
+
+def luminance(color: Color) -> float:
+    """The luminance of a linear colour; of a grey exactly its value."""
+    if color[0] == color[1] == color[2]:
+        return color[0]
+    return sum(w * c for w, c in zip(LUMINANCE, color, strict=True))
+
+
+def decode_srgb(encoded: ArrayLike) -> NDArray[np.float32]:
+    """Linear values of sRGB ones, numbers within [0, 1] of any shape (IEC 61966-2-1)."""
+    import numpy as np
+
+    v = np.asarray(encoded)
+    curve = ((np.maximum(v, 0) + 0.055) / 1.055) ** 2.4
+    return np.where(v <= 0.04045, v / 12.92, curve).astype(np.float32)
+
+
 def _rows(name: str) -> Iterator[list[str]]:
     text = (files(__package__) / "data" / name).read_text(encoding="ascii")
     return (line.split() for line in text.splitlines() if line and not line.startswith("#"))

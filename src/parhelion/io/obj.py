@@ -23,6 +23,7 @@ from . import LoadOptions
 from .files import Folders, Reports, contents
 from .mesh_file import finite, shaded
 from .meshes import obj
+from .text import is_number
 
 NAME = "OBJ"
 SUFFIXES = (".obj",)
@@ -147,12 +148,12 @@ def _map(
     while words and words[0] in _FLAGS:
         flag, most = words[0], _FLAGS[words[0]]
         count = 1
-        while count <= most and count < len(words) - 1 and (count == 1 or _is_number(words[count])):
+        while count <= most and count < len(words) - 1 and (count == 1 or is_number(words[count])):
             count += 1
         values = words[1:count]
         words = words[count:]
         if flag in ("-s", "-o"):
-            given = [float(v) for v in values[:2] if _is_number(v)]
+            given = [float(v) for v in values[:2] if is_number(v)]
             (scale if flag == "-s" else offset)[: len(given)] = given
         elif flag == "-clamp" and values == ["on"]:
             wrap = "clamp"
@@ -160,7 +161,7 @@ def _map(
             channel = {"r": "r", "g": "g", "b": "b", "m": "a", "l": "luminance"}.get(
                 values[0], "rgb"
             )
-        elif flag == "-bm" and values and _is_number(values[0]):
+        elif flag == "-bm" and values and is_number(values[0]):
             at.bump = float(values[0])
         elif flag not in ("-blendu", "-blendv", "-texres"):
             reports.add(f"option {flag!r} of a texture: not supported; ignored")
@@ -177,14 +178,6 @@ def _map(
     if channel != "rgb":
         params["channel"] = channel
     at.maps[kind] = Texture("image", **params)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _material(d: _Definition, reports: Reports) -> Material:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ... import scene
 from ...errors import FormatError
 from ...image import check_picture, read_pixels
-from ..meshes import decode_srgb
+from ...spectra import decode_srgb
 from . import schema
 from .source import Source
 

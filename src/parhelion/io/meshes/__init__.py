@@ -145,9 +145,3 @@ def split_at_creases(
         label = lower
     chosen, index = np.unique(label, return_inverse=True)
     return index.reshape(-1, 3).astype(np.int64), faces.ravel()[chosen].astype(np.int64)
-
-
-def decode_srgb(encoded: Floats) -> NDArray[np.float32]:
-    """Linear values of sRGB ones (IEC 61966-2-1)."""
-    low = encoded / 12.92
-    return np.where(encoded <= 0.04045, low, ((encoded + 0.055) / 1.055) ** 2.4).astype(np.float32)

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FormatError
+from ...spectra import decode_srgb
 from ..files import contents
-from . import Floats, Integers, MeshData, decode_srgb, triangulate
+from . import Floats, Integers, MeshData, triangulate
 from .numbers import parse, words_per_line
 
 _KINDS = {b"v ": 1, b"vt": 2, b"vn": 3, b"f ": 4, b"us": 5, b"mt": 6}

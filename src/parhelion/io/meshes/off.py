@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FormatError
+from ...spectra import decode_srgb
 from ..files import contents
-from . import Floats, MeshData, check_indices, decode_srgb, triangulate
+from . import Floats, MeshData, check_indices, triangulate
 from .numbers import parse, words_per_line
 
 _HEADER = re.compile(rb"\s*(ST)?(C)?(N)?OFF\b")

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FormatError
+from ...spectra import decode_srgb
 from ..files import contents
-from . import Floats, Integers, MeshData, check_indices, decode_srgb, triangulate
+from . import Floats, Integers, MeshData, check_indices, triangulate
 from .numbers import parse
 
 _TYPES = {

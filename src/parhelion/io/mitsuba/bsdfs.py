@@ -19,7 +19,7 @@ from ...errors import unknown_name
 from ...scene import Material, Texture
 from . import pixels
 from .document import Object, Value
-from .reader import Color, Reader, luminance
+from .reader import Color, Reader
 
 _BLACK = Material("diffuse", color=(0.0, 0.0, 0.0))
 _GREY = Material("diffuse", color=(0.5, 0.5, 0.5), two_sided=False)
@@ -402,7 +402,7 @@ def _tinted(color: Color | Texture, tint: float, strength: float) -> Color:
     """White, or in the share `tint` the colour's hue, times `strength`."""
     if isinstance(color, Texture):
         return strength, strength, strength
-    light = luminance(color)
+    light = spectra.luminance(color)
     hue = tuple(x / light for x in color) if light > 0.0 else (1.0, 1.0, 1.0)
     a, b, c = (min(strength * ((1.0 - tint) + tint * x), 1.0) for x in hue)
     return a, b, c

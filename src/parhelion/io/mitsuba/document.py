@@ -16,6 +16,7 @@ from typing import Any
 from xml.parsers import expat
 
 from ...errors import FormatError, unknown_name
+from ...spectra import decode_srgb
 from ..files import Folders
 from . import transforms
 
@@ -418,10 +419,7 @@ def _rgb(attributes: Mapping[str, str]) -> tuple[float, ...]:
 
 
 def _srgb(attributes: Mapping[str, str]) -> tuple[float, ...]:
-    # IEC 61966-2-1
-    return tuple(
-        x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in _rgb(attributes)
-    )
+    return tuple(decode_srgb(_rgb(attributes)).tolist())
 
 
 def _spectrum(attributes: Mapping[str, str]) -> object:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...image import read_pixels
-from ..meshes import decode_srgb
+from ...spectra import decode_srgb
 
 
 def read(path: str | Path, color_space: str) -> NDArray[np.float32]:

@@ -20,9 +20,6 @@ Color = tuple[float, float, float]
 Matrix = NDArray[np.float64]
 T = TypeVar("T")
 
-# Weights of linear Rec. 709 red, green and blue in luminance (ITU-R BT.709-6)
-_LUMINANCE = (0.212671, 0.715160, 0.072169)
-
 
 class Reader:
     """One scene file on its way to a Scene.
@@ -278,7 +275,7 @@ class Reader:
     def scalar(self, o: Object, name: str, default: float) -> float | Texture:
         """A number that may vary over a surface; of a colour, the luminance."""
         found = self.color(o, name, default)
-        return found if isinstance(found, Texture) else luminance(found)
+        return found if isinstance(found, Texture) else spectra.luminance(found)
 
     def plain(self, o: Object, name: str, default: Color | float, *, index: bool = False) -> Color:
         """A colour where we take no texture: of one, what stands for it is reported."""
@@ -287,10 +284,3 @@ class Reader:
             return found
         self.report(f"property {name!r} of {o}: no texture is supported there; its default is used")
         return default if isinstance(default, tuple) else (default, default, default)
-
-
-def luminance(color: Color) -> float:
-    """The luminance of a linear colour; of a grey exactly its value."""
-    if color[0] == color[1] == color[2]:
-        return color[0]
-    return sum(w * c for w, c in zip(_LUMINANCE, color, strict=True))

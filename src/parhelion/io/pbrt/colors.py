@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 Color = tuple[float, float, float]
 Matrix = NDArray[np.float64]
 
-# Weights of linear Rec. 709 red, green and blue in luminance (ITU-R BT.709-6)
-_LUMINANCE = (0.212671, 0.715160, 0.072169)
-
 # Chromaticities x, y of red, green and blue, of colour spaces whose white is D65: ITU-R BT.709-6,
 # ITU-R BT.2020-2, SMPTE EG 432-1
 _PRIMARIES = {
@@ -75,13 +72,6 @@ _INDICES = {
 }
 
 _METALS = ("Ag", "Al", "Au", "Cu")
-
-
-def luminance(color: Color) -> float:
-    """The luminance of a linear colour; of a grey exactly its value."""
-    if color[0] == color[1] == color[2]:
-        return color[0]
-    return sum(w * c for w, c in zip(_LUMINANCE, color, strict=True))
 
 
 def scaled(color: Color, by: float) -> Color:
@@ -148,7 +138,7 @@ def _to_xyz(space: str) -> Matrix:
 
 def _unit(color: Color) -> Color:
     """The colour at luminance 1, which is what version 4 makes of every spectrum of a light."""
-    light = luminance(color)
+    light = spectra.luminance(color)
     return scaled(color, 1.0 / light) if light > 0.0 else color
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import spectra
 from ...errors import FormatError, SceneError, unknown_name
 from ...scene import Texture
 from . import colors
@@ -185,7 +186,7 @@ class Item:
     def scalar(self, name: str, default: float) -> float | Texture:
         """A number that may vary over a surface; of a colour, the luminance."""
         found = self.color(name, default)
-        return found if isinstance(found, Texture) else colors.luminance(found)
+        return found if isinstance(found, Texture) else spectra.luminance(found)
 
     def plain(self, name: str, default: Color | float, use: str = "share") -> Color:
         """A colour where we take no texture: of one, what stands for it is reported."""
@@ -197,4 +198,4 @@ class Item:
 
     def plain_scalar(self, name: str, default: float) -> float:
         """As plain, of a number."""
-        return colors.luminance(self.plain(name, default))
+        return spectra.luminance(self.plain(name, default))

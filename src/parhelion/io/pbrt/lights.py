@@ -14,7 +14,8 @@ import numpy as np
 
 from ...image import picture_size
 from ...scene import Background, Light, Texture
-from .colors import Color, luminance, scaled
+from ...spectra import LUMINANCE, luminance
+from .colors import Color, scaled
 from .items import Item
 from .textures import Pixels, changed, multiplied, pixels
 from .transforms import Matrix, invertible, nearest_rotation
@@ -157,7 +158,7 @@ def _infinite(item: Item, to_world: Matrix) -> list[Light]:
 def _upper_illuminance(values: Pixels, square: bool) -> float:
     """What a panorama at scale 1 sends on a horizontal surface, from where z is above 0."""
     height, width = values.shape[:2]
-    light = values[:, :, :3] @ np.array([0.212671, 0.715160, 0.072169])
+    light = values[:, :, :3] @ np.array(LUMINANCE)
     if square:
         # |z| of Clarberg's map is 1 - r^2, r being the distance from the middle or from the corners
         y, x = ((np.arange(n) + 0.5) * (2.0 / n) - 1.0 for n in (height, width))

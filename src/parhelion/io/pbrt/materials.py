@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ...errors import unknown_name
 from ...scene import Material, Texture
-from .colors import Color, luminance, scaled
+from ...spectra import luminance
+from .colors import Color, scaled
 from .items import Item
 from .textures import mapped, multiplied
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ...image import read_pixels
 from ...scene import Texture
-from ..meshes import decode_srgb
-from .colors import Color, luminance
+from ...spectra import decode_srgb, luminance
+from .colors import Color
 from .items import Item
 from .transforms import Matrix
 

@@ -12,8 +12,8 @@ from pxr import Ar
 
 from ...errors import SceneError
 from ...image import check_picture, read_pixels
+from ...spectra import decode_srgb
 from ..files import Folders
-from ..meshes import decode_srgb
 
 # Bytes of a picture in an archive, and pixels of any
 _LARGEST = 1 << 31
