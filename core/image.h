@@ -157,4 +157,16 @@ inline Texel trilinear(const ImageView& image, Vec2 uv, float width, Wrap wrap_u
   return share > 0.0f ? mix(fine, bilinear(image, level + 1, uv, wrap_u, wrap_v), share) : fine;
 }
 
+// The largest values of each channel, for the power of lights: a walk over all texels.
+inline Vec3 brightest(const ImageView& image) {
+  Vec3 most = {0, 0, 0};
+  for (u32 y = 0; y < image.height; ++y) {
+    for (u32 x = 0; x < image.width; ++x) {
+      const Vec3 c = fetch(image, 0, x, y).rgb;
+      most = {max(most.x, c.x), max(most.y, c.y), max(most.z, c.z)};
+    }
+  }
+  return most;
+}
+
 }  // namespace parhelion::PH_ISA

@@ -3,6 +3,7 @@
 #include "lights/constant.h"
 #include "lights/directional.h"
 #include "lights/envmap.h"
+#include "lights/goniometric.h"
 #include "lights/gradient.h"
 #include "lights/point.h"
 #include "lights/projector.h"

@@ -4,6 +4,7 @@
 #include "materials/conductor.h"
 #include "materials/dielectric.h"
 #include "materials/diffuse.h"
+#include "materials/diffuse_transmission.h"
 #include "materials/emissive.h"
 #include "materials/metal.h"
 #include "materials/null.h"

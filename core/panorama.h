@@ -148,4 +148,11 @@ PH_INLINE TexelPlace equal_area_texel(const ImageView& image, Vec3 direction) {
   return {x < image.width ? x : image.width - 1, y < image.height ? y : image.height - 1};
 }
 
+// What an image of all directions has in one of them.
+PH_INLINE Vec3 panorama_color(const ImageView& image, bool latlong, Vec3 direction) {
+  if (latlong) return latlong_color(latlong_cell_at(image, direction));
+  const TexelPlace t = equal_area_texel(image, direction);
+  return fetch(image, 0, t.x, t.y).rgb;
+}
+
 }  // namespace parhelion::PH_ISA

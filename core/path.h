@@ -59,6 +59,7 @@ struct PathState {
   float width, spread;  // of the cone around the ray that stands for its neighbours: at the ray's
                         // origin, and what it grows by per unit of length
   u32 depth;            // rays so far, the camera's own included
+  u32 channel;          // of red, green and blue the only one left, 0 to 2; kNone: all are there
   Media media;
 };
 
@@ -212,6 +213,28 @@ inline Media media_around(const SceneView& scene, Vec3 point, Vec3 direction, bo
   return around;
 }
 
+// --- Dispersion -------------------------------------------------------------------------------
+
+// Glass whose index differs with the wavelength: red, green and blue go different ways, so the path
+// goes on with one of them, chosen by how much of each it carries. False if it carries nothing.
+// The index of green is `ior`; red and blue are taken at the lines C and F, between which Abbe's
+// number measures (glTF's KHR_materials_dispersion, which splits the difference evenly).
+template <class Material>
+PH_INLINE bool disperse(const Sampler& sampler, PathState& path, Material& material) {
+  if (path.channel == kNone) {
+    const Vec3 t = path.throughput;
+    const float sum = t.x + t.y + t.z;
+    if (!(sum > 0.0f)) return false;
+    const float u = draw1(sampler, kDrawChannel) * sum;
+    path.channel = u < t.x ? 0 : u < t.x + t.y || !(t.z > 0.0f) ? 1 : 2;
+    path.throughput = {path.channel == 0 ? sum : 0.0f, path.channel == 1 ? sum : 0.0f,
+                       path.channel == 2 ? sum : 0.0f};
+  }
+  const float from_green = static_cast<float>(path.channel) - 1.0f;
+  material.ior *= 1.0f + from_green * 0.025f * material.dispersion * (1.0f - 1.0f / material.ior);
+  return true;
+}
+
 // --- Bounces ----------------------------------------------------------------------------------
 
 // Scattering where a path meets a surface; false where the path ends.
@@ -224,6 +247,9 @@ PH_INLINE bool scatter(const SceneView& scene, const RenderView& view, const Sur
   const bool front = dot(wo, s.normal) > 0.0f;
   Frame frame = shading_frame(scene, record, s, wo, path.width);
   if (features && path.depth == 1) features->shading_normal = frame.z;
+  if constexpr (requires { material.dispersion; }) {
+    if (material.dispersion > 0.0f && !disperse(sampler, path, material)) return false;
+  }
   if constexpr (kTransmits<Material>) {
     if (!enter_boundary(scene, path.media, record, front, material)) {
       // Within a body that takes precedence this surface is not there. It does stop the rays that
@@ -365,6 +391,7 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
   path.scatter_pdf = 0.0f;
   path.eta_scale = 1.0f;
   path.depth = 1;
+  path.channel = kNone;
   path.media = view.media;
   if (features) *features = {0, {}, {}, {}, {}, {}, {}, {}, kNone, kNone};
   ++stats.rays;

@@ -16,6 +16,7 @@ enum Draw : u32 {
   kDrawPixel,  // place inside the pixel filter
   kDrawLens,   // place on the lens
   kDrawFirstBounce,
+  kDrawChannel = ~0u,  // the colour that a path goes on with, once a prism has split it
 };
 enum BounceDraw : u32 {
   kDrawLobe,       // which lobe of a material scatters

@@ -93,6 +93,13 @@ def tiles() -> list[Tile]:
             "transmittance 0.3, 0.7, 0.9",
             material("thin_dielectric", transmittance=(0.3, 0.7, 0.9)),
         ),
+        ("thin_dielectric", "roughness 0.3", material("thin_dielectric", roughness=0.3)),
+        ("dielectric", "dispersion 2", material("dielectric", ior=1.8, dispersion=2)),
+        (
+            "diffuse_transmission",
+            "",
+            material("diffuse_transmission", color=(0.1, 0.3, 0.05), transmittance=(0.2, 0.6, 0.1)),
+        ),
         *(("conductor", name, metal(name)) for name in ("Ag", "Al", "Au", "Cu", "Cr")),
         ("conductor", "Au, roughness 0.3", metal("Au", roughness=0.3)),
         ("conductor", "Au, roughness 0.6", metal("Au", roughness=0.6)),

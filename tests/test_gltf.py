@@ -591,12 +591,27 @@ def test_panes_without_volume_are_thin(read: Any) -> None:
     glass = {"KHR_materials_transmission": {"transmissionFactor": 1.0}}
     smooth = {"metallicFactor": 0, "roughnessFactor": 0, "baseColorFactor": [1, 0, 0, 1]}
     f.material(extensions=glass, pbrMetallicRoughness=smooth)
+    smooth["roughnessFactor"] = 0.25
     found = only_material(read(f, strict=True))
-    assert found == ph.Material("thin_dielectric", ior=1.5, transmittance=(1.0, 0.0, 0.0))
+    pane = {"ior": 1.5, "transmittance": (1.0, 0.0, 0.0)}
+    assert found == ph.Material("thin_dielectric", roughness=0.25, **pane)
     glass["KHR_materials_transmission"]["transmissionFactor"] = 0.25
     found = only_material(read(f, strict=True))
     assert (found.type, found.params["weight"]) == ("blend", 0.25)
     ph.prepare(read(f))
+
+
+def test_glass_with_volume_disperses(read: Any) -> None:
+    f = File()
+    f.material(
+        extensions={
+            "KHR_materials_transmission": {"transmissionFactor": 1.0},
+            "KHR_materials_volume": {"thicknessFactor": 1.0},
+            "KHR_materials_dispersion": {"dispersion": 0.36},
+        },
+        pbrMetallicRoughness={"metallicFactor": 0, "roughnessFactor": 0},
+    )
+    assert only_material(read(f, strict=True)).params["dispersion"] == 0.36
 
 
 def test_unlit_surfaces_are_as_bright_as_their_colour(read: Any) -> None:
@@ -1063,16 +1078,15 @@ def test_what_is_not_supported_is_told(read: Any, caplog: pytest.LogCaptureFixtu
     f = File()
     f.material(
         extensions={
-            "KHR_materials_dispersion": {"dispersion": 1},
             "KHR_materials_clearcoat": {
                 "clearcoatFactor": 1,
                 "clearcoatNormalTexture": f.picture(FOUR),
             },
         },
     )
-    f.json["extensionsUsed"] = ["KHR_materials_dispersion", "EXT_magic"]
+    f.json["extensionsUsed"] = ["EXT_magic"]
     read(f)
-    for name in ("KHR_materials_dispersion", "clearcoatNormalTexture", "EXT_magic"):
+    for name in ("clearcoatNormalTexture", "EXT_magic"):
         assert name in caplog.text
     with pytest.raises(FormatError, match="strict, and not all of it is supported"):
         read(f, strict=True)

@@ -38,6 +38,8 @@ CONTEXT: dict[tuple[str, str], dict[str, Any]] = {
 }
 # Combinations worth a test besides.
 ALSO: list[tuple[str, dict[str, Any]]] = [
+    ("thin_dielectric", {"roughness": 0.5}),
+    ("diffuse_transmission", {"transmittance": (0.7, 0.7, 0.7)}),
     *(
         (name, {"roughness": 0.9, "distribution": kind})
         for name in ("conductor", "dielectric", "plastic")
@@ -118,6 +120,8 @@ def white_material(name: str, params: Mapping[str, Any]) -> ph.Material:
 
 def index_ratio(name: str, params: Mapping[str, Any], wo: np.ndarray, wi: np.ndarray) -> np.ndarray:
     """Index of refraction on wi's side over that on wo's, (N,)."""
+    if name in ("thin_dielectric", "diffuse_transmission"):  # both sides are outside
+        return np.ones(len(wi))
     ior = float(params.get("ior", 1.5))
     if name == "principled":  # see scaled_index in principled.h
         root = (ior - 1) / (ior + 1) * np.sqrt(params.get("specular", 1.0))
@@ -564,14 +568,46 @@ def heap(materials: list[ph.Material]) -> list[ph.Spheres]:
 @pytest.mark.parametrize("roulette", [False, True])
 def test_white_furnace_of_a_heap(roulette: bool) -> None:
     steady = ("diffuse", "metal", "thin_dielectric", "null")
-    clear = [v for v in VARIANTS if v[0] == "dielectric" and not v[1].get("roughness")]
+    noisy = ("roughness", "dispersion")  # weights that are 1 only on average
     shapes = heap(
-        [white_material(n, p) for n, p in VARIANTS if n in steady and gives_back(n, p)]
-        + [white_material(*v) for v in clear]
+        [
+            white_material(n, p)
+            for n, p in VARIANTS
+            if n == "dielectric" or n in steady
+            if gives_back(n, p) and (n == "diffuse" or not any(p.get(k) for k in noisy))
+        ]
     )
     pixels = furnace(*shapes, roulette=roulette, vfov=24.0)
     assert np.all(np.isfinite(pixels))
     assert abs(pixels.mean() - 1) < 1e-3
+
+
+@pytest.mark.parametrize("name", ["dielectric", "principled"])
+def test_dispersion_gives_each_colour_its_own_index(name: str) -> None:
+    """Red, green and blue are those of three glasses, at indices that Abbe's number says."""
+    ior, abbe = 1.7, 3.0
+    glass = {"transmission": 1.0, "roughness": 0.1} if name == "principled" else {}
+    rng = np.random.default_rng(1)
+    sky = ph.Background("envmap", image=rng.uniform(0, 1, (4, 8, 3)).astype(np.float32))
+
+    def blocks(seed: int, **params: float) -> np.ndarray:
+        """(4, 4, 3) means over parts of the picture."""
+        ball = ph.Spheres([[0, 0, 0]], 1.0, white_material(name, {**glass, **params}))
+        camera = ph.Camera(eye=(0, 0, 5), target=(0, 0, 0), vfov=24.0)
+        scene = ph.Scene([ball], camera=camera, background=sky)
+        pixels = ph.render(scene, width=32, height=32, spp=64, seed=seed).pixels
+        return pixels.reshape(4, 8, 4, 8, 3).mean(axis=(1, 3))
+
+    split = np.array([blocks(seed, ior=ior, dispersion=20 / abbe) for seed in range(6)])
+    for channel, step in enumerate((-0.5, 0.0, 0.5)):
+        own = [blocks(seed, ior=ior + step * (ior - 1) / abbe) for seed in range(6)]
+        there, here = np.array(own)[..., channel], split[..., channel]
+        error = np.sqrt((there.var(axis=0, ddof=1) + here.var(axis=0, ddof=1)) / 6)
+        z = (here.mean(axis=0) - there.mean(axis=0)) / error
+        assert np.abs(z).max() < 6, (channel, z)  # 10 degrees of freedom, 48 blocks
+        if step:  # the plain glass is told apart
+            plain = np.array([blocks(seed, ior=ior) for seed in range(6)])[..., channel]
+            assert np.abs((plain.mean(axis=0) - here.mean(axis=0)) / error).max() > 9
 
 
 def test_white_furnace_with_lights() -> None:

@@ -255,6 +255,44 @@ def panorama(image: np.ndarray, d: np.ndarray) -> np.ndarray:
     return upper * (1 - fy) + lower * fy
 
 
+def test_goniometric_shines_by_its_image() -> None:
+    floor, position = Floor(size=16), (0.3, 0.7, -0.2)
+    image = np.random.default_rng(2).uniform(0.1, 1, (8, 16, 1)).astype(np.float32)
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turned((1, 2, 3), 40), position
+    light = ph.Light(
+        "goniometric", image=image.repeat(3, axis=2), intensity=(3, 2, 1), transform=matrix
+    )
+    d, factor = from_point(floor, position)
+    share = panorama(image[..., 0], d @ matrix[:3, :3])
+    expected = (factor * share)[..., None] * [3, 2, 1] / np.pi
+    np.testing.assert_allclose(floor.render(lights=[light], spp=1), expected, rtol=1e-4)
+
+
+def test_goniometric_of_equal_area() -> None:
+    """A square of 2 x 2: halves of the sphere by the sign of x and y."""
+    floor, position = Floor(size=16), (0.0, 0.7, 0.0)
+    image = np.array([[1, 2], [3, 4]], np.float32)[..., None].repeat(3, axis=2)
+    light = ph.Light("goniometric", image=image, mapping="equal_area", position=position)
+    d, factor = from_point(floor, position)
+    share = 1.0 + (d[..., 0] > 0) + 2.0 * (d[..., 1] > 0)
+    pixels = floor.render(lights=[light], spp=1)[..., 0]
+    np.testing.assert_allclose(pixels, factor * share / np.pi, rtol=1e-5)
+
+
+def test_diffuse_transmission_lets_light_through() -> None:
+    """A lamp below the floor lights it by its transmittance, one above by its colour."""
+    kind, position = "diffuse_transmission", (0.3, 0.7, -0.2)
+    sheet = ph.Material(kind, color=(0.1, 0.2, 0.3), transmittance=(0.6, 0.5, 0.9))
+    for side, share in ((1.0, (0.1, 0.2, 0.3)), (-1.0, (0.6, 0.5, 0.7))):  # 0.9 has no room
+        floor = Floor(size=16)
+        x, y, z = position
+        light = ph.Light("point", position=(x, side * y, z))
+        _, factor = from_point(floor, position)
+        pixels = floor.render(material=sheet, lights=[light], spp=1)
+        np.testing.assert_allclose(pixels, factor[..., None] * share / np.pi, rtol=1e-4)
+
+
 def cosine_directions(count: int) -> np.ndarray:
     """Midpoints of count x count parts of the hemisphere above the floor, of equal cosine."""
     u, v = np.meshgrid((np.arange(count) + 0.5) / count, (np.arange(count) + 0.5) / count)

@@ -38,11 +38,8 @@ PH_INLINE LightSample sample(const Envmap& light, const LightRecord& record,
 
 PH_INLINE Vec3 radiance(const Envmap& light, const LightRecord& record, const LightTables& tables,
                         Vec3 direction) {
-  const ImageView& image = tables.images[record.image];
   const Vec3 d = to_local(record, direction);
-  if (is_latlong(light)) return light.scale * latlong_color(latlong_cell_at(image, d));
-  const TexelPlace t = equal_area_texel(image, d);
-  return light.scale * fetch(image, 0, t.x, t.y).rgb;
+  return light.scale * panorama_color(tables.images[record.image], is_latlong(light), d);
 }
 
 PH_INLINE float pdf(const Envmap& light, const LightRecord& record, const LightTables& tables,

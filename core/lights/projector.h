@@ -58,16 +58,14 @@ PH_INLINE Vec3 radiance(const Projector&, const LightRecord&, const LightTables&
 }
 PH_INLINE float pdf(const Projector&, const LightRecord&, const LightTables&, Vec3) { return 0.0f; }
 
-// The smallest level of the image, if it has all, is its mean. Of bytes that may be rounded to 0,
-// or the level may be missing; hence the floor, or the light would never be chosen.
 PH_INLINE LightReach reach(const Projector& light, const LightRecord& record,
                            const LightTables& tables) {
   const ImageView& image = tables.images[record.image];
   const Vec2 half = half_sides(light, image);
   const float corner = 1.0f / sqrt(1.0f + half.x * half.x + half.y * half.y);
-  const Vec3 mean = fetch(image, image.levels - 1, 0, 0).rgb;
+  const Vec3 most = light.scale * brightest(image);
   return {record.position + to_world(record, light.position), to_world(record, {0, 0, 1}), corner,
-          1.0f, kPi * max(luminance(light.scale * mean), luminance(light.scale) * 0x1p-8f)};
+          1.0f, kPi * luminance(most)};
 }
 
 }  // namespace parhelion::PH_ISA

@@ -13,6 +13,7 @@ struct Dielectric {
   Vec3 color;
   float ior, roughness, anisotropy, distribution, compensation;
   Vec3 reflectance, transmittance;
+  float dispersion;
 
   static constexpr bool transmits = true;
   static constexpr const char* doc = "glass, smooth or frosted: reflects and refracts";
@@ -25,6 +26,7 @@ struct Dielectric {
       {"compensation", 1, {0.0f}, 0.0f, 1.0f, "light that bounces between microfacets", "on|off"},
       {"reflectance", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "further tint of what is reflected"},
       {"transmittance", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "further tint of what is refracted"},
+      {"dispersion", 1, {0.0f}, 0.0f, 10.0f, "20 over Abbe's number: 0.36 is diamond, 0 is none"},
   };
 };
 

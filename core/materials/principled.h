@@ -25,6 +25,7 @@ struct Principled {
   Vec3 sheen_color;
   float sheen_roughness;
   float iridescence, iridescence_ior, iridescence_thickness;
+  float dispersion;
 
   static constexpr bool transmits = true;
   static constexpr const char* doc =
@@ -48,6 +49,7 @@ struct Principled {
       {"iridescence", 1, {0.0f}, 0.0f, 1.0f, "share that a thin film covers"},
       {"iridescence_ior", 1, {1.3f}, 1.0f, 10.0f, "index of refraction of the film"},
       {"iridescence_thickness", 1, {400.0f}, 0.0f, 10000.0f, "of the film, nanometres"},
+      {"dispersion", 1, {0.0f}, 0.0f, 10.0f, "of glass: 20 over Abbe's number; 0 is none"},
   };
 };
 
@@ -179,7 +181,7 @@ inline Layers layers(const Principled& m, Vec3 world_wo) {
                      m.clearcoat_ior);
   l.body = {m.color, m.diffuse_roughness};
   const float ior = scaled_index(m.ior, m.specular);
-  l.inner = {{1, 1, 1}, ior, roughness, m.anisotropy, 0.0f, 0.0f, m.specular_color, m.color};
+  l.inner = {{1, 1, 1}, ior, roughness, m.anisotropy, 0.0f, 0.0f, m.specular_color, m.color, 0.0f};
   l.eta = side > 0.0f ? ior : 1.0f / ior;
   l.gain_o = metal_gain(l.facets, l.wo);
 

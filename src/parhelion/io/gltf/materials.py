@@ -26,11 +26,7 @@ WHITE = (1.0, 1.0, 1.0)
 _DIELECTRIC = 0.04
 # The largest index that `principled` takes
 _MOST_IOR = 10.0
-# A pane is drawn without blur; one that is smoother than this has hardly any
-_SMOOTH_PANE = 0.15
-_UNSUPPORTED = {
-    "KHR_materials_dispersion": "all wavelengths are refracted alike",
-}
+_MOST_DISPERSION = 10.0
 
 
 @dataclass(frozen=True)
@@ -239,9 +235,6 @@ class Materials:
             common.pop("normal_map", None)
             common |= {"emission": base, "two_sided_emission": True}
             return scene.Material("diffuse", color=(0.0, 0.0, 0.0), **common)
-        for name, instead in _UNSUPPORTED.items():
-            if name in m.extensions:
-                self._source.report(f"{name}: not supported; {instead}")
         params |= self._coat(draft) | self._sheen(draft) | self._film(draft)
         params |= self._reflection(draft)
         return self._transmission(draft, base, params, common)
@@ -459,12 +452,10 @@ class Materials:
                     for c in volume.attenuation_color
                 )
             params["transmission"] = share(glass.transmission_factor)
+            rainbow = self._extension(draft, "dispersion", schema.Dispersion)
+            if rainbow is not None:
+                params["dispersion"] = min(max(rainbow.dispersion, 0.0), _MOST_DISPERSION)
             return scene.Material("principled", color=base, **params, **common)
-        if isinstance(roughness, scene.Texture) or roughness > _SMOOTH_PANE:
-            self._source.report(
-                "KHR_materials_transmission without a volume: rough panes are not supported; what"
-                " is seen through them is not blurred"
-            )
         if isinstance(metallic, scene.Texture):
             self._source.report(
                 "KHR_materials_transmission without a volume, on what a texture makes metal in"
@@ -472,7 +463,7 @@ class Materials:
             )
             metallic = 0.0
         weight = share(glass.transmission_factor * (1.0 - metallic))
-        pane = {"ior": params.get("ior", 1.5), "transmittance": base}
+        pane = {"ior": params.get("ior", 1.5), "transmittance": base, "roughness": roughness}
         if weight == 1.0:
             return scene.Material("thin_dielectric", **pane, **common)
         return scene.Material(

@@ -54,17 +54,22 @@ _ILLUMINANTS = {
     "illum-acesD60": (0.32168, 0.33767),
 }
 
-# Indices of refraction of optical glass at 587.6 nm (Schott's data sheets), and of oxides that pbrt
-# lists among the metals (magnesia: Stephens and Malitson 1952; rutile: DeVore 1951)
+# Indices of refraction of optical glass at 587.6 nm, and Abbe's numbers (Schott's data sheets)
+_GLASSES = {
+    "glass-BK7": (1.5168, 64.17),
+    "glass-BAF10": (1.6700, 47.11),
+    "glass-FK51A": (1.4866, 84.47),
+    "glass-LASF9": (1.8503, 32.17),
+    "glass-F5": (1.6034, 38.03),
+    "glass-SF5": (1.6727, 32.21),
+    "glass-SF10": (1.7283, 28.41),
+    "glass-SF11": (1.7847, 25.76),
+}
+# Fraunhofer's lines C, d and F, nm, by which Abbe's number is measured
+_LINES = (656.3, 587.6, 486.1)
+# Indices of oxides that pbrt lists among the metals (magnesia: Stephens and Malitson 1952; rutile:
+# DeVore 1951)
 _INDICES = {
-    "glass-BK7": 1.5168,
-    "glass-BAF10": 1.6700,
-    "glass-FK51A": 1.4866,
-    "glass-LASF9": 1.8503,
-    "glass-F5": 1.6034,
-    "glass-SF5": 1.6727,
-    "glass-SF10": 1.7283,
-    "glass-SF11": 1.7847,
     "metal-MgO-eta": 1.7366,
     "metal-TiO2-eta": 2.6142,
     "metal-MgO-k": 0.0,
@@ -149,16 +154,36 @@ def _peak(temperature: float) -> float:
     return power * 1e-9
 
 
-def _spectrum(item: Item, parameter: Parameter, use: str) -> Color:
+def refraction(item: Item, parameter: Parameter) -> tuple[float, float]:
+    """The index of refraction that a spectrum is, and the dispersion, 20 over Abbe's number."""
+    name = parameter.values[0] if len(parameter.values) else ""
+    if isinstance(name, str) and name in _GLASSES:
+        ior, abbe = _GLASSES[name]
+        return ior, 20.0 / abbe
+    if isinstance(name, str) and (not name or named(item, name) is not None):
+        return spectra.luminance(of_parameter(item, parameter, "index")), 0.0
+    red, ior, blue = (float(n) for n in np.interp(_LINES, *_table(item, parameter)))
+    # an index that grows with the wavelength is not that of glass
+    return ior, 20.0 * max(blue - red, 0.0) / (ior - 1.0) if ior > 1.0 else 0.0
+
+
+def _table(item: Item, parameter: Parameter) -> tuple[Matrix, Matrix]:
+    """Wavelengths in nm, increasing, and values, of a file or of pairs."""
     first = parameter.values[0]
     if isinstance(first, str):
-        known = named(item, first)
-        if known is not None:
-            return known
         table = spectrum_file(item.file_at(first))
     else:
         table = np.asarray(parameter.values, np.float64).reshape(-1, 2)
     wavelengths, values = table[np.argsort(table[:, 0], kind="stable")].T
+    return wavelengths, values
+
+
+def _spectrum(item: Item, parameter: Parameter, use: str) -> Color:
+    first = parameter.values[0]
+    known = named(item, first) if isinstance(first, str) else None
+    if known is not None:
+        return known
+    wavelengths, values = _table(item, parameter)
     if len(values) == 1:
         wavelengths, values = np.array([360.0, 830.0]), np.repeat(values, 2)
     if use == "light":
@@ -179,6 +204,8 @@ def named(item: Item, name: str) -> Color | None:
     if name in _ILLUMINANTS:
         x, y = _ILLUMINANTS[name]
         return spectra.from_xyz(x / y, 1.0, (1.0 - x - y) / y)
+    if name in _GLASSES:
+        return (_GLASSES[name][0],) * 3
     if name in _INDICES:
         return (_INDICES[name],) * 3
     metal, _, quantity = name.removeprefix("metal-").partition("-")

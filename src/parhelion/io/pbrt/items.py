@@ -196,6 +196,19 @@ class Item:
         self.report(f"no texture is supported for {name!r}; its default is used")
         return default if isinstance(default, tuple) else (default, default, default)
 
+    def refraction(self, name: str, default: float) -> tuple[float, float]:
+        """An index of refraction, and its dispersion, 20 over Abbe's number."""
+        found = self.parameters.get(name)
+        if found is None or found.type != "spectrum":
+            return spectra.luminance(self.plain(name, default, "index")), 0.0
+        self.read.add(name)
+        try:
+            return colors.refraction(self, found)
+        except SceneError as error:
+            if isinstance(error, FormatError):
+                raise
+            raise self.error(f"parameter {name!r}: {error}") from None
+
     def plain_scalar(self, name: str, default: float) -> float:
         """As plain, of a number."""
         return spectra.luminance(self.plain(name, default))

@@ -23,6 +23,8 @@ from .transforms import Matrix, invertible, nearest_rotation
 # Our latitude-longitude frame, whose +y is up and whose left border is -z, from pbrt's, where +z is
 # up and the left border +x
 _LATLONG = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+# And from that of version 3's lamps, where +y is up, the left border +x, and +z a quarter on
+_GONIOMETRIC = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 
 
 def read(item: Item, to_world: Matrix) -> list[Light]:
@@ -174,17 +176,30 @@ def _upper_illuminance(values: Pixels, square: bool) -> float:
 
 
 def _goniometric(item: Item, to_world: Matrix) -> list[Light]:
-    item.report("its distribution is not supported: a point light of the same power is used")
-    values = pixels(_image_file(item))[:, :, :3]
-    if item.reader.old:  # latitude and longitude
-        theta = (np.arange(len(values)) + 0.5) * (math.pi / len(values))
-        weight = np.sin(theta)[:, None] / np.sin(theta).mean()
+    """By a square of version 4, as its surroundings, else by latitude and longitude."""
+    picture = _image_file(item)
+    values = pixels(picture)[:, :, :3]
+    square = not item.reader.old and values.shape[0] == values.shape[1]
+    if square:
+        share = luminance_of(values)
     else:
-        weight = np.ones((1, 1))
-    share = float(luminance_of(values * weight[:, :, None]))
-    color = _strength(item, "I", 4.0 * math.pi * share if share > 0.0 else 1.0)
-    position = _point_of(item, to_world, "from", (0.0, 0.0, 0.0))
-    return [Light("point", position=position, intensity=scaled(color, share))]
+        theta = (np.arange(len(values)) + 0.5) * (math.pi / len(values))
+        weight = np.sin(theta)[:, None, None] / np.sin(theta).mean()
+        share = luminance_of(values * weight)
+    frame = to_world.copy()
+    rotation, _ = nearest_rotation(to_world[:3, :3])
+    frame[:3, :3] = rotation if square else rotation @ _GONIOMETRIC
+    frame[:3, 3] = _point_of(item, to_world, "from", (0.0, 0.0, 0.0))
+    return [
+        Light(
+            "goniometric",
+            image=picture.params["image"],
+            color_space=picture.params["color_space"],
+            intensity=_strength(item, "I", 4.0 * math.pi * share if share > 0.0 else 1.0),
+            mapping="equal_area" if square else "latlong",
+            transform=frame,
+        )
+    ]
 
 
 def luminance_of(values: Any) -> float:

@@ -25,6 +25,8 @@ Values = NDArray[np.float32]
 _GREY = Material("diffuse", color=(0.5, 0.5, 0.5))
 # The range of our indices of refraction
 _LEAST_IOR, _MOST_IOR = 0.1, 10.0
+# and of its dispersion
+_MOST_DISPERSION = 10.0
 
 # Materials in mixtures of mixtures
 _DEEPEST_MIX = 8
@@ -147,16 +149,18 @@ def _isotropic(item: Item, found: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _ior(item: Item, *names: str, default: float) -> float:
-    """The index of refraction, by the first name that is given; of a spectrum, in the green."""
+def _refraction(item: Item, *names: str, default: float) -> dict[str, float]:
+    """The index of refraction, by the first name that is given, and how it varies by wavelength."""
     name = next((n for n in names if item.has(n)), names[0])
-    found = item.plain(name, default, "index")
-    if found[0] != found[1] or found[1] != found[2]:
-        item.report(f"dispersion ({name!r} by wavelength) is not supported; one index is used")
-    ior = luminance(found)
+    ior, dispersion = item.refraction(name, default)
     if not _LEAST_IOR <= ior <= _MOST_IOR:
         raise item.error(f"{name} is {ior:g}; must lie in [{_LEAST_IOR:g}, {_MOST_IOR:g}]")
-    return ior
+    return {"ior": ior} | ({"dispersion": min(dispersion, _MOST_DISPERSION)} if dispersion else {})
+
+
+def _ior(item: Item, *names: str, default: float) -> float:
+    """The index of refraction of a coat or a pane, where its dispersion cannot be seen."""
+    return _refraction(item, *names, default=default)["ior"]
 
 
 # Version 4
@@ -248,7 +252,7 @@ def _conductor(item: Item) -> Material:
 
 
 def _dielectric(item: Item) -> Material:
-    return Material("dielectric", ior=_ior(item, "eta", default=1.5), **_roughness(item, 0.0))
+    return Material("dielectric", **_refraction(item, "eta", default=1.5), **_roughness(item, 0.0))
 
 
 def _thin_dielectric(item: Item) -> Material:
@@ -256,11 +260,12 @@ def _thin_dielectric(item: Item) -> Material:
 
 
 def _diffuse_transmission(item: Item) -> Material:
-    item.report("light that passes through is not supported; what is reflected is")
-    item.color("transmittance", 0.25)
     scale = item.number("scale", 1.0)
-    color = multiplied(item.color("reflectance", 0.25), (scale, scale, scale))
-    return Material("diffuse", color=color)
+    color, through = (
+        multiplied(item.color(name, 0.25), (scale, scale, scale))
+        for name in ("reflectance", "transmittance")
+    )
+    return Material("diffuse_transmission", color=color, transmittance=through)
 
 
 def _hair(item: Item) -> Material:
@@ -422,12 +427,12 @@ def _substrate(item: Item) -> Material:
 
 
 def _translucent(item: Item) -> Material:
-    item.report("light that passes through is not supported; what is reflected is")
-    reflected = item.plain("reflect", 0.5)
-    item.color("transmit", 0.5)
-    parts = [multiplied(item.color(name, 0.25), reflected) for name in ("Kd", "Ks")]
-    rough = _isotropic(item, _roughness(item, 0.1, old=True))
-    return Material("plastic", color=parts[0], specular=parts[1], ior=1.5, **rough)
+    if max(item.plain("Ks", 0.25)) > 0.0:
+        item.report("its gloss (Ks) is not supported; its matte part is")
+    item.ignore("roughness", "remaproughness")
+    body = item.color("Kd", 0.25)
+    color, through = (multiplied(body, item.plain(name, 0.5)) for name in ("reflect", "transmit"))
+    return Material("diffuse_transmission", color=color, transmittance=through)
 
 
 def _disney(item: Item) -> Material:
