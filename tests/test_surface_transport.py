@@ -1462,6 +1462,7 @@ WHITENESS: dict[str, dict[str, Any]] = {
     "plastic": {"color": (1, 1, 1)},
     "principled": {"color": (1, 1, 1), "specular": 0.0},
     "null": {},
+    "diffuse_transmission": {"color": (0.3, 0.3, 0.3), "transmittance": (0.7, 0.7, 0.7)},
 }
 
 
