@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import parhelion as ph
-from parhelion.catmull_clark import INFINITE, subdivide
 from parhelion.image import encoded
+from parhelion.subdivision import INFINITE, subdivide
 
 # The corners of a cube, and its sides, counter-clockwise from outside
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)

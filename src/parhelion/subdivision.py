@@ -1,10 +1,17 @@
-"""Subdivision surfaces as triangle meshes: Loop's scheme.
+"""Subdivision surfaces: Catmull-Clark, Loop and bilinear, with creases, corners and boundaries.
 
-C. Loop, "Smooth Subdivision Surfaces Based on Triangles", University of Utah, 1987, with Warren's
-weights and with boundaries as B-splines (H. Hoppe et al., "Piecewise Smooth Surface
-Reconstruction", SIGGRAPH 1994), as in M. Pharr, W. Jakob and G. Humphreys, "Physically Based
-Rendering", 3rd edition, section 3.8; but there boundaries end at 3/5 of a vertex and 1/5 of each
-neighbour, which is not their limit. All of it works on whole arrays.
+E. Catmull and J. Clark, "Recursively generated B-spline surfaces on arbitrary topological meshes",
+Computer-Aided Design 10(6), 1978, for polygons; C. Loop, "Smooth Subdivision Surfaces Based on
+Triangles", University of Utah, 1987, for triangles, also with J. Warren's simpler weights as in M.
+Pharr, W. Jakob and G. Humphreys, "Physically Based Rendering", 3rd edition, section 3.8 (whose
+boundaries end a little elsewhere than at their limit). Sharp creases: H. Hoppe et al., "Piecewise
+Smooth Surface Reconstruction", SIGGRAPH 1994, section 3. Creases of a sharpness: T. DeRose, M. Kass
+and T. Truong, "Subdivision Surfaces in Character Animation", SIGGRAPH 1998, section 3. Where
+vertices lie in the limit: M. Halstead, M. Kass and T. DeRose, "Efficient, Fair Interpolation using
+Catmull-Clark Surfaces", SIGGRAPH 1993, section 3.1.
+
+All of it works on whole arrays. A polygon mesh is counts (P,), the number of each polygon's
+corners, and corners (C,), all corners' vertices, one polygon after the other.
 """
 
 from __future__ import annotations
@@ -19,207 +26,444 @@ from .errors import SceneError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
-# Triangles that subdivision may make; each level makes four of one
-_MOST_FACES = 1 << 21
+# Sharpness from which on a crease stays sharp at every level, as in OpenSubdiv
+INFINITE = 10.0
+
+# Faces that any mesh may be refined to
+_LIMIT_FACES = 1 << 26
+# Faces that a mesh is refined to unless it has them already; with these, edges of a model that
+# fills a picture are some pixels long. It is refined at least twice, if that does not make more
+# than the second number.
+_ENOUGH_FACES = 1 << 14
+_MOST_FACES = 1 << 20
+_MOST_LEVELS = 5
 
 
-@dataclass(frozen=True)
-class _Edges:
-    """The edges of a mesh, each once.
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A subdivided mesh, all faces with the same number of corners, n.
 
-    ends (E, 2); opposite (E, K): sum of the values at the corners of its faces that face it;
-    inner (E,): it has two faces; of_corner (F, 3): the edge from each corner to the next.
+    points (V, 3): on the limit surface. normals (F, n, 3): at the corners; those of one vertex
+    differ only where sharp creases meet in it. faces (F, n); parent (F,): the polygon that each
+    was made of. smooth (V, K), linear (V, L), corner (F, n, M): the values of the same names.
     """
 
+    points: Floats
+    normals: Floats
+    faces: Integers
+    parent: Integers
+    smooth: Floats
+    linear: Floats
+    corner: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Creases:
+    """Edges that are sharp, by their ends (E, 2), and vertices (K,), with how sharp they are."""
+
     ends: Integers
-    opposite: Floats
-    inner: NDArray[np.bool_]
+    edges: Floats
+    vertices: Integers
+    corners: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Topology:
+    """What touches what in a mesh of so many vertices.
+
+    face, after, before (C,): of each corner its polygon and its neighbours there. of_corner (C,):
+    the edge from each corner to the next. ends (E, 2), uses (E,): faces of an edge. sharp (E,),
+    corner (V,): how sharp edges and vertices are; boundaries are infinitely so.
+    """
+
+    vertices: int
+    counts: Integers
+    corners: Integers
+    first: Integers
+    face: Integers
+    after: Integers
+    before: Integers
     of_corner: Integers
+    ends: Integers
+    uses: Integers
+    sharp: Floats
+    corner: Floats
 
 
 def most_levels(faces: int) -> int:
-    """How often so many triangles may be subdivided."""
-    levels = 0
-    while 0 < faces * 4 ** (levels + 1) <= _MOST_FACES:
-        levels += 1
-    return levels
+    """How often so many triangles may be subdivided, for 2 million of them at most."""
+    count = 0
+    while 0 < faces << 2 * (count + 1) <= 2 * _MOST_FACES:
+        count += 1
+    return count
 
 
-def loop(vertices: Any, faces: Any, levels: int) -> tuple[Floats, Integers, Floats]:
-    """The mesh refined so many times: positions on the limit surface, faces, limit normals.
+def levels(faces: int) -> int:
+    """How often to subdivide a mesh of so many faces."""
+    count = 0
+    while count < _MOST_LEVELS and faces << 2 * (count + 1) <= _ENOUGH_FACES:
+        count += 1
+    while count < 2 and faces << 2 * (count + 1) <= _MOST_FACES:
+        count += 1
+    return max(count, 1)
 
-    vertices (V, 3), faces (F, 3) with indices in range. An edge of one face, or of more than two,
-    is a boundary; a vertex at which other than two of those meet stays where it is. Raises
-    SceneError for more than most_levels.
+
+def subdivide(
+    points: Any,
+    counts: Any,
+    corners: Any,
+    *,
+    levels: int,
+    scheme: str = "catmullClark",
+    creases: Any = (),
+    sharpness: Any = (),
+    corner_vertices: Any = (),
+    corner_sharpness: Any = (),
+    sharp_boundary_corners: bool = True,
+    smooth: Any = None,
+    linear: Any = None,
+    corner: Any = None,
+) -> Refined:
+    """The mesh refined so many times and moved to its limit surface.
+
+    scheme: "loop" or "warren" for triangles; "catmullClark" or "bilinear" for polygons, which must
+    be refined at least once.
+    points (V, 3); counts, each 3 or more; corners with indices in range. creases (E, 2): edges by
+    their vertices, with their sharpness (E,): 0 is smooth, from INFINITE on sharp for ever. Others
+    of a mesh's edges do no harm. corner_vertices (K,), corner_sharpness (K,): of vertices.
+    sharp_boundary_corners: a vertex of one face only stays where it is. smooth (V, K): values that
+    follow the same rules as points. linear (V, L), corner (C, M), these for each corner: values
+    that are interpolated linearly.
+
+    Raises SceneError for a mesh of triangles whose faces are none, and for results of more than
+    2^26 faces.
     """
-    values = np.asarray(vertices, np.float64)
-    corners = np.asarray(faces, np.int64)
-    if levels > most_levels(len(corners)):
-        raise SceneError(
-            f"{len(corners)} faces, subdivided {levels} times, are more than {_MOST_FACES}"
-        )
+    values = np.asarray(points, np.float64)
+    count, triangles = len(values), scheme in _BETA
+    polygons, around = np.asarray(counts, np.int64), np.asarray(corners, np.int64)
+    if triangles and (polygons != 3).any():
+        face = int(np.argmax(polygons != 3))
+        raise SceneError(f"face {face} has {polygons[face]} corners; Loop's scheme takes triangles")
+    if len(around) << 2 * max(levels - 1, 0) > _LIMIT_FACES:
+        raise SceneError(f"{len(polygons)} faces, subdivided {levels} times, are more than 2^26")
+    extra = np.zeros((count, 0)) if smooth is None else np.asarray(smooth, np.float64)
+    flat = np.zeros((count, 0)) if linear is None else np.asarray(linear, np.float64)
+    at_corner = np.zeros((len(around), 0)) if corner is None else np.asarray(corner, np.float64)
+    values = np.concatenate([values, extra], axis=1)
+    rules = _Creases(
+        np.asarray(creases, np.int64).reshape(-1, 2),
+        np.asarray(sharpness, np.float64).reshape(-1),
+        np.asarray(corner_vertices, np.int64).reshape(-1),
+        np.asarray(corner_sharpness, np.float64).reshape(-1),
+    )
+    if sharp_boundary_corners:
+        rules = _with_boundary_corners(rules, around, count)
+    parent = np.arange(len(polygons))
     for _ in range(levels):
-        values, corners = _refined(values, corners)
-    edges = _edges(values, corners)
-    limit, valence, boundary, sharp = _smoothed(values, edges, limit=True)
-    normals = _normals(values, corners, edges, valence, boundary, sharp)
-    lost = ~(np.linalg.norm(normals, axis=1) > 1e-30)
-    if lost.any():
-        normals[lost] = _face_normals(limit, corners)[lost]
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return limit, corners, normals / np.where(length > 0.0, length, 1.0)
-
-
-def _edges(values: Floats, faces: Integers) -> _Edges:
-    count = len(values)
-    start, end = faces, np.roll(faces, -1, axis=1)
-    low, high = np.minimum(start, end).ravel(), np.maximum(start, end).ravel()
-    keys, index, uses = np.unique(low * count + high, return_inverse=True, return_counts=True)
-    index = index.reshape(-1)
-    facing = values[np.roll(faces, -2, axis=1).ravel()]
-    opposite = _summed(index, facing, len(keys))
-    ends = np.stack([keys // count, keys % count], axis=1)
-    return _Edges(ends, opposite, uses == 2, index.reshape(-1, 3))
+        t = _topology(len(values), polygons, around, rules)
+        values = _step(t, values, scheme)
+        flat = _step(t, flat, "linear" if triangles else "bilinear")
+        at_corner = _corner_step(t, at_corner, triangles)
+        parent = np.repeat(parent, 4 if triangles else t.counts)
+        around = _child_corners(t, triangles)
+        polygons = np.full(len(parent), 3 if triangles else 4)
+        rules = _child_creases(t)
+    t = _topology(len(values), polygons, around, rules)
+    refined = values
+    if scheme != "bilinear":
+        values = _limit(t, refined, scheme)
+    normals = _normals(t, values[:, :3], everywhere=scheme != "bilinear")
+    if triangles:
+        normals = _tangent_normals(t, refined[:, :3], normals)
+    size = 3 if triangles else 4
+    return Refined(
+        points=values[:, :3],
+        normals=normals.reshape(-1, size, 3),
+        faces=around.reshape(-1, size),
+        parent=parent,
+        smooth=values[:, 3:],
+        linear=flat,
+        corner=at_corner.reshape(len(parent), size, at_corner.shape[1]),
+    )
 
 
 def _summed(index: Integers, values: Floats, count: int) -> Floats:
     """Rows of values added up by index."""
-    columns = [np.bincount(index, values[:, k], minlength=count) for k in range(values.shape[1])]
-    return np.stack(columns, axis=1)
+    total = np.zeros((count, values.shape[1]))
+    for k in range(values.shape[1]):
+        total[:, k] = np.bincount(index, values[:, k], minlength=count)
+    return total
 
 
-def _refined(values: Floats, faces: Integers) -> tuple[Floats, Integers]:
-    """One level: every triangle becomes four."""
-    edges = _edges(values, faces)
-    both = values[edges.ends].sum(axis=1)
-    inner = edges.inner[:, None]
-    middle = np.where(inner, 0.375 * both + 0.125 * edges.opposite, 0.5 * both)
-    kept, _, _, _ = _smoothed(values, edges, limit=False)
-    a, b, c = faces.T
-    ab, bc, ca = (len(values) + edges.of_corner).T
-    parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-    refined = np.stack([np.stack(part, axis=1) for part in parts], axis=1).reshape(-1, 3)
-    return np.concatenate([kept, middle]), refined
+def _with_boundary_corners(rules: _Creases, corners: Integers, count: int) -> _Creases:
+    """A vertex of one face lies on the boundary, at a corner of the surface."""
+    single = np.flatnonzero(np.bincount(corners, minlength=count) == 1)
+    return _Creases(
+        rules.ends,
+        rules.edges,
+        np.concatenate([rules.vertices, single]),
+        np.concatenate([rules.corners, np.full(len(single), np.inf)]),
+    )
 
 
-def _smoothed(
-    values: Floats, edges: _Edges, *, limit: bool
-) -> tuple[Floats, Integers, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Where old vertices go: at the next level, or in the limit.
+def _topology(count: int, counts: Integers, corners: Integers, rules: _Creases) -> _Topology:
+    first = np.cumsum(counts) - counts
+    face = np.repeat(np.arange(len(counts)), counts)
+    place = np.arange(len(corners))
+    after, before = place + 1, place - 1
+    last = first + counts - 1
+    after[last], before[first] = first, last
+    start, end = corners, corners[after]
+    key = np.minimum(start, end) * count + np.maximum(start, end)
+    keys, of_corner, uses = np.unique(key, return_inverse=True, return_counts=True)
+    sharp = np.zeros(len(keys))
+    if len(rules.ends) and len(keys):
+        low, high = rules.ends.min(axis=1), rules.ends.max(axis=1)
+        wanted = low * count + high
+        found = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
+        there = keys[found] == wanted
+        np.maximum.at(sharp, found[there], rules.edges[there])
+    sharp[(uses != 2) | (sharp >= INFINITE)] = np.inf
+    corner = np.zeros(count)
+    np.maximum.at(corner, rules.vertices, rules.corners)
+    corner[corner >= INFINITE] = np.inf
+    ends = np.stack([keys // count, keys % count], axis=1)
+    return _Topology(
+        count, counts, corners, first, face, after, before, of_corner.reshape(-1), ends, uses,
+        sharp, corner,
+    )  # fmt: skip
 
-    Also how many edges each has, whether it lies on a boundary, and whether it stays.
+
+# --- One level -----------------------------------------------------------------------------------
+
+
+def _loop_beta(n: Floats) -> Floats:
+    return np.asarray((0.625 - (0.375 + 0.25 * np.cos(2.0 * np.pi / n)) ** 2) / n)
+
+
+def _warren_beta(n: Floats) -> Floats:
+    return np.where(n == 3.0, 3.0 / 16.0, 3.0 / (8.0 * n))
+
+
+# Schemes of triangles: the weight of each of a vertex' n neighbours
+_BETA = {"loop": _loop_beta, "warren": _warren_beta}
+
+
+def _step(t: _Topology, values: Floats, scheme: str) -> Floats:
+    """Values at the old vertices, then those at edges, then, but of triangles, those in faces.
+
+    scheme: that of subdivide, or "linear", which is to triangles what "bilinear" is to polygons.
     """
-    count = len(values)
-    ends = edges.ends
-    valence = np.bincount(ends.ravel(), minlength=count)
-    around = _summed(ends.ravel(), values[ends[:, ::-1].ravel()], count)
-    rim = ends[~edges.inner]
-    rims = np.bincount(rim.ravel(), minlength=count)
-    along = _summed(rim.ravel(), values[rim[:, ::-1].ravel()], count)
-    n = np.maximum(valence, 1)
-    beta = np.where(n == 3, 3.0 / 16.0, 3.0 / (8.0 * n))
-    rim_weight = 0.125
-    if limit:
-        beta = 1.0 / (n + 3.0 / (8.0 * beta))
-        rim_weight = 1.0 / 6.0  # of a cubic B-spline
-    beta = beta[:, None]
-    inside = (1.0 - n[:, None] * beta) * values + beta * around
-    on_rim = (1.0 - 2.0 * rim_weight) * values + rim_weight * along
-    boundary = rims > 0
-    sharp = (boundary & (rims != 2)) | (valence == 0)
-    moved = np.where(boundary[:, None], on_rim, inside)
-    return np.where(sharp[:, None], values, moved), valence, boundary, sharp
+    both = values[t.ends].sum(axis=1)
+    edges = 0.5 * both
+    if scheme == "linear":
+        return np.concatenate([values, edges])
+    if scheme in _BETA:
+        facing = _summed(t.of_corner, values[t.corners[t.before]], len(t.ends))
+        edges = _blend(t.sharp, edges, 0.375 * both + 0.125 * facing)
+        return np.concatenate([_moved(t, values, scheme), edges])
+    inside = _summed(t.face, values[t.corners], len(t.counts)) / t.counts[:, None]
+    if scheme == "bilinear":
+        return np.concatenate([values, edges, inside])
+    beside = _summed(t.of_corner, inside[t.face], len(t.ends))
+    edges = _blend(t.sharp, edges, 0.25 * (both + beside))
+    return np.concatenate([_moved(t, values, scheme, inside), edges, inside])
 
 
-def _normals(
+def _blend(sharp: Floats, crease: Floats, smooth: Floats) -> Floats:
+    """A crease of a sharpness below 1 is some of both."""
+    share = np.minimum(sharp, 1.0)[:, None]
+    return np.asarray(share * crease + (1.0 - share) * smooth)
+
+
+def _around(t: _Topology, values: Floats, chosen: Flags | None = None) -> tuple[Integers, Floats]:
+    """Of each vertex, how many edges it has, and the sum of the values at their other ends."""
+    ends = t.ends if chosen is None else t.ends[chosen]
+    count = np.bincount(ends.ravel(), minlength=t.vertices)
+    return count, _summed(ends.ravel(), values[ends[:, ::-1].ravel()], t.vertices)
+
+
+def _moved(t: _Topology, values: Floats, scheme: str, inside: Floats | None = None) -> Floats:
+    """Where the old vertices go; inside: values in the middle of faces, of polygons."""
+    valence, near = _around(t, values)
+    n = np.maximum(valence, 1)[:, None].astype(np.float64)
+    if inside is None:
+        beta = _BETA[scheme](n)
+        smooth = (1.0 - n * beta) * values + beta * near
+    else:
+        across = _summed(t.corners, inside[t.face], t.vertices)
+        smooth = (n - 2.0) / n * values + (near + across) / (n * n)
+    sharper = _by_rule(t, values, smooth, t.sharp, t.corner, (0.75, 0.125))
+    later, later_corner = np.maximum(t.sharp - 1.0, 0.0), np.maximum(t.corner - 1.0, 0.0)
+    result = _by_rule(t, values, smooth, later, later_corner, (0.75, 0.125))
+    # What is about to become smooth is some of both, by its mean sharpness.
+    ending = (t.sharp > 0.0) & (later <= 0.0)
+    ends = t.ends[ending].ravel()
+    total = _summed(ends, np.repeat(t.sharp[ending], 2)[:, None], t.vertices)[:, 0]
+    number = np.bincount(ends, minlength=t.vertices).astype(np.float64)
+    vertex = (t.corner > 0.0) & (later_corner <= 0.0)
+    total[vertex] += t.corner[vertex]
+    number[vertex] += 1.0
+    share = np.where(number > 0.0, total / np.maximum(number, 1.0), 0.0)
+    return _blend(share, sharper, result)
+
+
+def _by_rule(
+    t: _Topology,
     values: Floats,
-    faces: Integers,
-    edges: _Edges,
-    valence: Integers,
-    boundary: NDArray[np.bool_],
-    sharp: NDArray[np.bool_],
+    smooth: Floats,
+    sharp: Floats,
+    corner: Floats,
+    weights: tuple[float, float],
 ) -> Floats:
-    """Normals of the limit surface, of any length; 0 where the mesh is no surface.
+    """Where two sharp edges meet, a curve goes through, by weights; where more meet, a corner is.
 
-    A vertex's neighbours are visited in turn, all vertices at once: the k-th neighbour enters the
-    two tangents with the k-th weights.
+    One sharp edge alone ends in a smooth vertex.
     """
-    count = len(values)
-    begin = faces.ravel()
-    half = (
-        edges.of_corner.ravel()
-    )  # the edge of each half edge, which goes from a corner to the next
-    place = np.arange(len(begin))
-    previous = place - 1 + 3 * (place % 3 == 0)
-    # the other half edge of an inner edge, if it goes the other way; else -1
-    order = np.argsort(half, kind="stable")
-    first = np.flatnonzero(np.diff(half[order], prepend=-1))
-    pair = first[edges.inner]
+    number, along = _around(t, values, sharp > 0.0)
+    own, beside = weights
+    result = np.where((number == 2)[:, None], own * values + beside * along, smooth)
+    unused = np.bincount(t.corners, minlength=t.vertices) == 0
+    stays = (corner > 0.0) | (number > 2) | unused
+    return np.where(stays[:, None], values, result)
+
+
+def _child_corners(t: _Topology, triangles: bool) -> Integers:
+    """Vertices of the new faces' corners, one face after the other."""
+    edge = t.vertices + t.of_corner
+    if triangles:
+        a, b, c = t.corners.reshape(-1, 3).T
+        ab, bc, ca = edge.reshape(-1, 3).T
+        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        return np.stack([np.stack(part, axis=1) for part in parts], axis=1).ravel()
+    middle = t.vertices + len(t.ends) + t.face
+    return np.stack([t.corners, edge, middle, edge[t.before]], axis=1).ravel()
+
+
+def _corner_step(t: _Topology, values: Floats, triangles: bool) -> Floats:
+    """Values of the new faces' corners, in the order of _child_corners."""
+    half = 0.5 * (values + values[t.after])  # on the edge from a corner to the next
+    if triangles:
+        a, b, c = (values[k::3] for k in range(3))
+        ab, bc, ca = (half[k::3] for k in range(3))
+        parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        stacked = np.stack([np.stack(part, axis=1) for part in parts], axis=1)
+    else:
+        middle = (_summed(t.face, values, len(t.counts)) / t.counts[:, None])[t.face]
+        stacked = np.stack([values, half, middle, half[t.before]], axis=1)
+    return stacked.reshape(int(np.prod(stacked.shape[:-1])), values.shape[1])
+
+
+def _child_creases(t: _Topology) -> _Creases:
+    """Both halves of a crease are one less sharp."""
+    sharp = np.flatnonzero((t.sharp > 1.0) & (t.uses == 2))
+    middle = t.vertices + sharp
+    ends = np.concatenate([np.stack([t.ends[sharp, k], middle], axis=1) for k in range(2)])
+    corner = np.flatnonzero(t.corner > 1.0)
+    return _Creases(ends, np.tile(t.sharp[sharp] - 1.0, 2), corner, t.corner[corner] - 1.0)
+
+
+# --- The limit -----------------------------------------------------------------------------------
+
+
+def _limit(t: _Topology, values: Floats, scheme: str) -> Floats:
+    """Where vertices end; what is still sharp counts as sharp for ever."""
+    valence, near = _around(t, values)
+    n = np.maximum(valence, 1)[:, None].astype(np.float64)
+    if scheme in _BETA:
+        share = 1.0 / (n + 3.0 / (8.0 * _BETA[scheme](n)))
+        smooth = (1.0 - n * share) * values + share * near
+    else:
+        opposite = _summed(t.corners, values[t.corners[t.after[t.after]]], t.vertices)
+        smooth = (n * n * values + 4.0 * near + opposite) / (n * (n + 5.0))
+    return _by_rule(t, values, smooth, t.sharp, t.corner, (2.0 / 3.0, 1.0 / 6.0))
+
+
+def _normals(t: _Topology, points: Floats, everywhere: bool) -> Floats:
+    """Normals at corners (C, 3): means over the faces around, up to creases, weighted by angle.
+
+    everywhere: else each face has its own.
+    """
+    corner = points[t.corners]
+    to_next, to_last = corner[t.after] - corner, corner[t.before] - corner
+    across = np.cross(to_next, to_last)
+    size = np.linalg.norm(across, axis=1, keepdims=True)
+    angle = np.arctan2(size[:, 0], np.einsum("ci,ci->c", to_next, to_last))
+    across *= (angle / np.where(size[:, 0] > 0.0, size[:, 0], 1.0))[:, None]
+    part = _parts(t) if everywhere else t.face
+    total = _summed(part, across, int(part.max(initial=-1)) + 1)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    lost = length[:, 0] < 1e-12
+    total[lost], length[lost] = (1.0, 0.0, 0.0), 1.0
+    return np.asarray((total / length)[part])
+
+
+def _tangent_normals(t: _Topology, points: Floats, normals: Floats) -> Floats:
+    """Normals at corners, those of the limit surface itself at vertices where all is smooth.
+
+    points: before they are moved to the limit. The k-th of n neighbours, in turn, enters two
+    tangents by cos and sin of 2 pi k / n (Hoppe et al. 1994, section 4).
+    """
+    half = np.arange(len(t.corners))
+    smooth = (t.uses == 2) & (t.sharp == 0.0)
+    closed = np.ones(t.vertices, bool)
+    closed[t.ends[~smooth]] = False
+    # the half edge that runs the other way along a smooth edge
+    order = np.argsort(t.of_corner, kind="stable")
+    pair = (np.cumsum(t.uses) - t.uses)[smooth]
     one, two = order[pair], order[pair + 1] if len(pair) else order[pair]
-    opposed = begin[one] != begin[two]
-    twin = np.full(len(begin), -1)
+    opposed = t.corners[one] != t.corners[two]
+    twin = half.copy()
     twin[one[opposed]], twin[two[opposed]] = two[opposed], one[opposed]
-    # where the turn begins: on a boundary at its first edge, else anywhere
-    start = np.full(count, -1)
-    start[begin] = place
-    rims = place[twin < 0]
-    start[begin[rims]] = rims
-    vertex = np.flatnonzero((start >= 0) & ~sharp)
+    closed[t.corners[twin == half]] = False
+    valence, _ = _around(t, points)
+    start = np.full(t.vertices, -1)
+    start[t.corners] = half
+    vertex = np.flatnonzero((start >= 0) & closed)
     at = start[vertex]
-    s, t = np.zeros((count, 3)), np.zeros((count, 3))
-    visited = np.zeros(count, np.int64)
-    after = np.roll(faces, -1, axis=1).ravel()
-    for k in range(int(valence.max(initial=0))):
-        target = after[at]
-        _add_tangents(s, t, values, vertex, target, k, valence, boundary)
+    s, u, visited = np.zeros((t.vertices, 3)), np.zeros((t.vertices, 3)), np.zeros(t.vertices)
+    for k in range(int(valence[vertex].max(initial=0))):
+        turn = (2.0 * np.pi * k / valence[vertex])[:, None]
+        offset = points[t.corners[t.after[at]]] - points[vertex]
+        s[vertex] += np.cos(turn) * offset
+        u[vertex] += np.sin(turn) * offset
         visited[vertex] += 1
-        following = twin[previous[at]]
-        # the last neighbour of a boundary has no half edge of its own
-        last = (following < 0) & boundary[vertex]
-        if last.any():
-            ending = vertex[last]
-            _add_tangents(s, t, values, ending, begin[previous[at[last]]], k + 1, valence, boundary)
-            visited[ending] += 1
-        more = (following >= 0) & (following != start[vertex])
-        vertex, at = vertex[more], following[more]
-        if not len(vertex):
+        at = twin[t.before[at]]
+        more = at != start[vertex]
+        vertex, at = vertex[more], at[more]
+    exact = np.cross(s, u)
+    length = np.linalg.norm(exact, axis=1, keepdims=True)
+    # where fans meet that do not touch, some neighbours were not visited
+    known = closed & (visited == valence) & (length[:, 0] > 1e-30)
+    exact /= np.where(length > 0.0, length, 1.0)
+    return np.where(known[t.corners, None], exact[t.corners], normals)
+
+
+def _parts(t: _Topology) -> Integers:
+    """A number for each corner; corners of one vertex share it unless creases part them."""
+    inner = t.uses == 2
+    crease = inner & (t.sharp > 0.0)
+    touched = np.zeros(t.vertices, bool)
+    touched[t.ends[crease]] = True
+    place = np.arange(len(t.corners))
+    label = np.where(touched[t.corners], t.vertices + place, t.corners)
+    # Corners of one vertex are joined across each smooth edge there.
+    order = np.argsort(t.of_corner, kind="stable")
+    pair = (np.cumsum(t.uses) - t.uses)[inner & ~crease]
+    one, other = order[pair], order[pair + 1] if len(pair) else order[pair]
+    left = np.concatenate([one, t.after[one]])
+    same = t.corners[one] == t.corners[other]  # both faces run along the edge the same way
+    right = np.concatenate(
+        [np.where(same, other, t.after[other]), np.where(same, t.after[other], other)]
+    )
+    changing = touched[t.corners[left]]
+    left, right = left[changing], right[changing]
+    while len(left):
+        least = np.minimum(label[left], label[right])
+        if (least == label[left]).all() and (least == label[right]).all():
             break
-    rim = boundary[:, None]
-    normals = np.where(rim, np.cross(t, s), np.cross(s, t))
-    # a vertex where two fans meet has neighbours that were not visited
-    normals[(visited != valence) | sharp] = 0.0
-    return np.asarray(normals)
-
-
-def _add_tangents(
-    s: Floats,
-    t: Floats,
-    values: Floats,
-    vertex: Integers,
-    neighbour: Integers,
-    k: int,
-    valence: Integers,
-    boundary: NDArray[np.bool_],
-) -> None:
-    """Adds the k-th neighbours' share; relative to the vertex, which no sum of weights changes."""
-    n = valence[vertex]
-    turn = 2.0 * np.pi * k / n
-    rim = boundary[vertex]
-    theta = np.pi / np.maximum(n - 1, 1)
-    ends = (k == 0) | (k == n - 1)
-    # across a boundary, inwards, with weights of its own up to valence 4
-    across = np.where(ends, -np.sin(theta), (2.0 - 2.0 * np.cos(theta)) * np.sin(k * theta))
-    for size, (outer, inner) in {2: (1.0, 0.0), 3: (0.0, 1.0), 4: (-1.0, 2.0)}.items():
-        across = np.where(n == size, np.where(ends, outer, inner), across)
-    along = np.where(k == 0, -1.0, np.where(k == n - 1, 1.0, 0.0))
-    offset = values[neighbour] - values[vertex]
-    s[vertex] += np.where(rim, along, np.cos(turn))[:, None] * offset
-    t[vertex] += np.where(rim, across, np.sin(turn))[:, None] * offset
-
-
-def _face_normals(values: Floats, faces: Integers) -> Floats:
-    """Normals at vertices as sums of those of the faces around, weighted by area."""
-    a, b, c = (values[faces[:, k]] for k in range(3))
-    across = np.repeat(np.cross(b - a, c - a), 3, axis=0)
-    return _summed(faces.ravel(), across, len(values))
+        np.minimum.at(label, left, least)
+        np.minimum.at(label, right, least)
+    return np.unique(label, return_inverse=True)[1].reshape(-1)

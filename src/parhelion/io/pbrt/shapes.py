@@ -488,12 +488,24 @@ def _loop(job: _Job) -> None:
     levels = job.item.integer("levels", job.item.integer("nlevels", 3))
     job.item.ignore("scheme")
     most = subdivision.most_levels(len(faces))
+    levels = max(levels, 0)
     if levels > most:
         job.item.report(
             f"{levels} levels of {len(faces)} faces are too many triangles; {most} are made"
         )
         levels = most
-    job.put(*subdivision.loop(vertices, faces, levels))
+    made = subdivision.subdivide(
+        vertices,
+        np.full(len(faces), 3),
+        faces.ravel(),
+        levels=levels,
+        scheme="warren",
+        sharp_boundary_corners=False,
+    )
+    # of a vertex between surfaces that only touch, one corner's normal
+    normals = np.zeros_like(made.points)
+    normals[made.faces.ravel()] = made.normals.reshape(-1, 3)
+    job.put(made.points, made.faces, normals)
 
 
 def _bilinear(job: _Job) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pxr import UsdGeom, UsdLux, UsdShade, UsdSkel
 
-from ... import catmull_clark
+from ... import subdivision
 from ...errors import SceneError
 from ...scene import Mesh
 from ..meshes import triangulate
@@ -185,9 +185,9 @@ def _chosen(p: Polygons, shown: NDArray[np.bool_]) -> Polygons:
 def _subdivided(
     r: Reader, prim: Any, p: Polygons, shown: NDArray[np.bool_], scheme: str, inverted: bool
 ) -> Polygons:
-    """The limit surface, as fine as catmull_clark.levels says."""
+    """The limit surface, as fine as subdivision.levels says."""
     source = UsdGeom.Mesh(prim)
-    if scheme not in catmull_clark.SCHEMES:
+    if scheme not in ("catmullClark", "loop", "bilinear"):
         raise SceneError(f"subdivisionScheme is {scheme!r}")
     if r.get(source.GetTriangleSubdivisionRuleAttr()) == "smooth":
         r.report("triangleSubdivisionRule 'smooth': not supported; 'catmullClark' is used")
@@ -205,11 +205,11 @@ def _subdivided(
         tips, tip_sharpness = tips[:0], np.zeros(0)
     inside = (tips >= 0) & (tips < len(p.points))
     smooth, by_corner = list(p.vertex), list(p.corner)
-    refined = catmull_clark.subdivide(
+    refined = subdivision.subdivide(
         p.points,
         p.counts,
         p.corners,
-        levels=catmull_clark.levels(len(p.counts)),
+        levels=subdivision.levels(len(p.counts)),
         scheme=scheme,
         creases=ends,
         sharpness=sharpness,
