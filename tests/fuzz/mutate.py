@@ -130,7 +130,7 @@ def text(data: bytes, random: Random, others: list[bytes]) -> bytes:
         return b"\n".join(_parts(lines, random, random.choice(others).split(b"\n")))
     words = _WORDS.findall(data)
     if not words:
-        return random.choice(others)
+        return random.choice(others)  # of an empty file nothing is left to change
     numbers = [i for i, word in enumerate(words) if _NUMBER.fullmatch(word)]
     strings = [i for i, word in enumerate(words) if word[:1] == b'"']
     kind = random.random()
@@ -231,7 +231,7 @@ def tree(data: bytes, random: Random, others: list[bytes]) -> bytes:
 
 def _places(node: Any) -> Any:
     """Every value of a tree, as what holds it and its key there; of long lists, the ends."""
-    stack = [node]
+    stack = [node] if isinstance(node, (dict, list)) else []
     while stack:
         holder = stack.pop()
         keys = list(holder) if isinstance(holder, dict) else range(len(holder))

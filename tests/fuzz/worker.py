@@ -89,7 +89,7 @@ def case(path: str) -> dict[str, Any]:
         said |= {"outcome": "refused", "text": str(error), "place": place(error)}
         if memory_error(error):
             said |= {"outcome": "finding", "kind": "memory", "trace": traceback.format_exc()}
-        elif stage == "load" and not str(error).startswith(path):
+        elif stage == "load" and not str(error).startswith(folder):
             said |= {"outcome": "finding", "kind": "no file named"}
         elif len(str(error).replace(folder, "")) > LONGEST or not all(
             c.isprintable() or c == "\n" for c in str(error).replace(path, "")
