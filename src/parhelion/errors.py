@@ -8,9 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+# Characters in a line of a message: beyond that it quotes a file at length
+_LONGEST = 1000
+
 
 class ParhelionError(Exception):
     """Base of all errors of this package; catch it to catch them all."""
+
+    def __init__(self, *args: object) -> None:
+        super().__init__(*(plain(arg) if isinstance(arg, str) else arg for arg in args))
 
 
 class SceneError(ParhelionError, ValueError):
@@ -23,6 +29,22 @@ class FormatError(SceneError):
 
 class ResourceError(ParhelionError, OSError):
     """The machine said no: no memory, a full disk, a folder that cannot be written."""
+
+
+def plain(text: str) -> str:
+    """Text that may quote a file, as it is safe to print: control characters as they are escaped in
+    Python, and the middle of endless lines left out.
+    """
+    lines = text.split("\n")
+    if not text.isprintable():
+        lines = [
+            line
+            if line.isprintable()
+            else "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+            for line in lines
+        ]
+    half = _LONGEST // 2
+    return "\n".join(n if len(n) <= _LONGEST else f"{n[:half]}...{n[-half:]}" for n in lines)
 
 
 def unknown_name(what: str, name: object, choices: Iterable[str]) -> str:

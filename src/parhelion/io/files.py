@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..errors import FormatError, SceneError
+from ..errors import FormatError, SceneError, plain
 
 log = logging.getLogger("parhelion")
 
@@ -100,7 +100,7 @@ class Reports:
 
     def add(self, text: str) -> None:
         """Notes a feature; the text names it and says what is done instead."""
-        self.lines.setdefault(text)
+        self.lines.setdefault(plain(text))
 
     def tell(self) -> None:
         """Logs all as warnings. Raises FormatError instead if the user is strict."""
