@@ -48,6 +48,13 @@ CHANNELS = {name: tuple(f"{name}.{c}" for c in letters) for name, letters in _LE
 }
 PRECISE = {"depth", "position", "uv", "shape", "material", *cryptomatte.LAYERS}
 
+# Bytes that any picture may unpack to, and how many times its file's size one may beyond that: a
+# header is a few bytes that can claim any size.
+_ALWAYS = 1 << 30
+_RATIO = 20
+# How numbers are read that are not read as float, and their bytes
+_KINDS = {"uint8": ("uint8", 1), "uint16": ("uint16", 2)}
+
 # Rows that the writer of EXR gets at a time: with features, a copy of a whole picture would be as
 # large as all else together.
 _ROWS = 64
@@ -229,30 +236,28 @@ def _reason(text: str) -> str:
     return str(text).strip().partition("\n")[0]
 
 
-def read_pixels(
-    source: str | os.PathLike[str] | bytes, where: str = "", largest: int | None = None
-) -> NDArray[Any]:
+def read_pixels(source: str | os.PathLike[str] | bytes, where: str = "") -> NDArray[Any]:
     """A picture's pixels, (H, W, C) uint8, uint16 or float32, as they are stored in a file.
 
     source: the file's path, or all of its bytes. C is 1 to 4: grey, grey and alpha, RGB, RGB and
-    alpha, which is not multiplied into the colours. largest: pixels that it may have, for files
-    from strangers. Raises FormatError for one that cannot be read; `where`, if any, and the path
-    begin its text.
+    alpha, which is not multiplied into the colours. Raises FormatError for one that cannot be read
+    or whose header claims far more than the file can hold; `where`, if any, and the path begin its
+    text.
     """
     if isinstance(source, bytes):
         with _memory_file(len(source)) as path:
             Path(path).write_bytes(source)
-            return _read_pixels(path, where, largest)
+            return _read_pixels(path, where)
     name = os.fspath(source)
-    return _read_pixels(name, f"{where}: {name}" if where else name, largest)
+    return _read_pixels(name, f"{where}: {name}" if where else name)
 
 
-def check_picture(path: str | os.PathLike[str], largest: int, where: str) -> None:
+def check_picture(path: str | os.PathLike[str], where: str) -> None:
     """Raises what read_pixels would for a file that is no picture or too large a one."""
-    _opened(os.fspath(path), where, largest).close()
+    _opened(os.fspath(path), where).close()
 
 
-def _opened(path: str, where: str, largest: int | None) -> Any:
+def _opened(path: str, where: str) -> Any:
     """The library's reader of a picture."""
     import OpenImageIO as oiio
 
@@ -263,19 +268,24 @@ def _opened(path: str, where: str, largest: int | None) -> Any:
     if source is None:
         reason = (_reason(oiio.geterror()) or "no such file").replace(f'"{path}"', "it")
         raise FormatError(f"{start}cannot be read: {reason}")
-    width, height = source.spec().width, source.spec().height
-    if largest is not None and width * height > largest:
+    spec = source.spec()
+    width, height, stored = spec.width, spec.height, os.path.getsize(path)
+    unpacked = width * height * spec.nchannels * _KINDS.get(str(spec.format), ("float", 4))[1]
+    if unpacked > max(_ALWAYS, _RATIO * stored):
         source.close()
-        raise FormatError(f"{start}has {width} x {height} pixels; at most {largest:,} are read")
+        raise FormatError(
+            f"{start}has {width} x {height} pixels, {unpacked:,} bytes, in a file of {stored:,};"
+            f" beyond {_ALWAYS >> 30} GiB at most {_RATIO} times the file are read"
+        )
     return source
 
 
-def _read_pixels(path: str, where: str, largest: int | None) -> NDArray[Any]:
+def _read_pixels(path: str, where: str) -> NDArray[Any]:
     start = f"{where}: " if where else ""
-    source = _opened(path, where, largest)
+    source = _opened(path, where)
     try:
         spec = source.spec()
-        kind = {"uint8": "uint8", "uint16": "uint16"}.get(str(spec.format), "float")
+        kind = _KINDS.get(str(spec.format), ("float", 4))[0]
         pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
         if pixels is None:
             raise FormatError(f"{start}cannot be read: {_reason(source.geterror())}")

@@ -30,7 +30,6 @@ _FLIP = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
 # How the files of images begin that glTF and its extensions may have
 _KINDS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF")
 _KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
-_MOST_PIXELS = 2**28
 
 
 class Images:
@@ -223,14 +222,14 @@ class Images:
         if data is not None:
             return self._decoded(data, where)
         try:
-            check_picture(path, _MOST_PIXELS, where)
+            check_picture(path, where)
         except FormatError as error:
             raise s.error(str(error)) from None
         return path
 
     def _decoded(self, source: str | bytes, where: str) -> NDArray[Any]:
         try:
-            pixels = read_pixels(source, where, _MOST_PIXELS)
+            pixels = read_pixels(source, where)
         except FormatError as error:
             raise self._source.error(str(error)) from None
         self._source.spend(pixels.nbytes, where)

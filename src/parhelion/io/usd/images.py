@@ -15,9 +15,8 @@ from ...image import check_picture, read_pixels
 from ...spectra import decode_srgb
 from ..files import Folders
 
-# Bytes of a picture in an archive, and pixels of any
+# Bytes of a picture in an archive
 _LARGEST = 1 << 31
-_MOST_PIXELS = 1 << 28
 
 
 class Images:
@@ -37,7 +36,7 @@ class Images:
         if found is not None and Ar.IsPackageRelativePath(found):
             return self._pixels(found, where)
         if found is not None:
-            check_picture(found, _MOST_PIXELS, f"{where}: {asset.path!r}")
+            check_picture(found, f"{where}: {asset.path!r}")
         return found
 
     def has_colors(self, asset: Any, where: str) -> bool:
@@ -86,9 +85,9 @@ class Images:
         if name not in self._read:
             if Ar.IsPackageRelativePath(name):
                 data = _packed(name, where)
-                self._read[name] = read_pixels(data, f"{where}: {name!r}", _MOST_PIXELS)
+                self._read[name] = read_pixels(data, f"{where}: {name!r}")
             else:
-                self._read[name] = read_pixels(name, where, _MOST_PIXELS)
+                self._read[name] = read_pixels(name, where)
         return self._read[name]
 
 
