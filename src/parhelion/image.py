@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
@@ -231,9 +231,12 @@ def _half(data: NDArray[Any]) -> NDArray[np.float16]:
     return half
 
 
-def _reason(text: str) -> str:
+def _reason(geterror: Callable[[], str]) -> str:
     """The first line of what OpenImageIO says, which may tell of one mistake many times over."""
-    return str(text).strip().partition("\n")[0]
+    try:
+        return str(geterror()).strip().partition("\n")[0]
+    except UnicodeDecodeError:  # it quotes what it could not read
+        return "it holds bytes that are no text"
 
 
 def read_pixels(source: str | os.PathLike[str] | bytes, where: str = "") -> NDArray[Any]:
@@ -266,7 +269,7 @@ def _opened(path: str, where: str) -> Any:
     hints.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(path, hints)
     if source is None:
-        reason = (_reason(oiio.geterror()) or "no such file").replace(f'"{path}"', "it")
+        reason = (_reason(oiio.geterror) or "no such file").replace(f'"{path}"', "it")
         raise FormatError(f"{start}cannot be read: {reason}")
     spec = source.spec()
     width, height, stored = spec.width, spec.height, os.path.getsize(path)
@@ -288,7 +291,7 @@ def _read_pixels(path: str, where: str) -> NDArray[Any]:
         kind = _KINDS.get(str(spec.format), ("float", 4))[0]
         pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
         if pixels is None:
-            raise FormatError(f"{start}cannot be read: {_reason(source.geterror())}")
+            raise FormatError(f"{start}cannot be read: {_reason(source.geterror)}")
     finally:
         source.close()
     names = [n.upper() for n in spec.channelnames]  # the library reorders channels
@@ -306,7 +309,7 @@ def picture_size(path: str | os.PathLike[str], where: str = "") -> tuple[int, in
     source = oiio.ImageInput.open(os.fspath(path))
     if source is None:
         start = f"{where}: " if where else ""
-        raise FormatError(f"{start}{path}: cannot be read: {oiio.geterror() or 'no such file'}")
+        raise FormatError(f"{start}{path}: cannot be read: {_reason(oiio.geterror) or 'no such file'}")
     spec = source.spec()
     source.close()
     return int(spec.width), int(spec.height)

@@ -53,7 +53,7 @@ class Case:
         return folder / self.main
 
 
-def read_cases(folder: Path, endings: tuple[str, ...], largest: int = 300_000) -> list[Case]:
+def read_cases(folder: Path, endings: tuple[str, ...], largest: int = 64_000) -> list[Case]:
     """Files of those endings below a folder, each with what else lies beside it."""
     found = []
     for path in sorted(folder.rglob("*")):
@@ -108,7 +108,10 @@ class Worker:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
     ) -> None:
         self.stop()
 
@@ -121,7 +124,7 @@ class Worker:
             "TMPDIR": str(temporary), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
             "MALLOC_ARENA_MAX": "2", "PXR_WORK_THREAD_LIMIT": "1",
         }  # fmt: skip
-        self.errors = tempfile.TemporaryFile()
+        self.errors = tempfile.TemporaryFile()  # noqa: SIM115
         self.process = subprocess.Popen(
             [sys.executable, str(source)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors, env=environment,
@@ -150,7 +153,8 @@ class Worker:
         """What comes of a case: see worker.case; crashes, hangs and memory are findings too."""
         if self.process is None:
             self.start()
-        assert self.process is not None and self.process.stdin is not None
+        assert self.process is not None
+        assert self.process.stdin is not None
         path = case.write(self.folder / "case")
         self.errors.seek(0)
         self.errors.truncate()
@@ -178,7 +182,8 @@ class Worker:
 
     def _answer(self, wall: float) -> tuple[dict[str, Any] | None, str]:
         """The worker's next line, or None and why there is none."""
-        assert self.process is not None and self.process.stdout is not None
+        assert self.process is not None
+        assert self.process.stdout is not None
         pipe = self.process.stdout.fileno()
         begun, used = time.monotonic(), self._seconds()
         while b"\n" not in self.buffer:
