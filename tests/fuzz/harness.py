@@ -266,12 +266,14 @@ class Tally:
     findings: dict[str, tuple[Case, dict[str, Any]]] = field(default_factory=dict)
 
 
-def cases(reader: str, seeds: list[Case], seed: int) -> Iterator[Case]:
+def cases(reader: str, seeds: list[Case], learned: list[Case], seed: int) -> Iterator[Case]:
     """Endlessly many cases: the seeds as they are, then spoilt ones."""
-    yield from list(seeds)
+    yield from seeds
     number = 0
     while True:
-        yield made(seeds, Random(f"{reader} {seed} {number}"))
+        random = Random(f"{reader} {seed} {number}")
+        # what is refused already ends early, whatever else is wrong with it
+        yield made(learned if learned and random.random() < 0.25 else seeds, random)
         number += 1
 
 
@@ -291,9 +293,9 @@ def run(
     learn: a case with an outcome of a kind that was not seen before becomes a seed.
     """
     tally = Tally()
-    seeds = list(seeds)
+    learned: list[Case] = []
     begun = worker.seconds()
-    for case in cases(reader, seeds, seed):
+    for case in cases(reader, seeds, learned, seed):
         tally.cpu = worker.seconds() - begun
         if tally.cpu >= seconds or (count is not None and tally.cases >= count):
             break
@@ -310,6 +312,5 @@ def run(
                 found(name, case, said)
         elif learn and (kind := words(said)) not in tally.kinds:
             tally.kinds.add(kind)
-            if case not in seeds[:200] and len(seeds) < 5000:
-                seeds.append(case)
+            learned.append(case)
     return tally

@@ -46,7 +46,7 @@ def mutated(name: str, data: bytes, random: Random, others: list[bytes]) -> byte
     """The file's bytes, changed. others: files of the same ending, to take parts from."""
     suffix = "." + name.rpartition(".")[2].lower()
     changed = data
-    for _ in range(random.choice([1, 1, 1, 2, 2, 3, 5, 8, 13])):
+    for _ in range(random.choice([1, 1, 1, 1, 1, 2, 2, 3, 8])):
         how: Callable[[bytes, Random, list[bytes]], bytes] = binary
         if random.random() < 0.9:
             how = _by_ending(suffix, changed)

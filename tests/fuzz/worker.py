@@ -74,9 +74,21 @@ def place(error: BaseException) -> str:
     return found
 
 
-def case(path: str) -> dict[str, Any]:
+class Notes(logging.Handler):
+    """Keeps what readers say that they do not do."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.lines.append(record.getMessage())
+
+
+def case(path: str, notes: Notes) -> dict[str, Any]:
     """Loads, prepares and renders a file: what came of it."""
     said: dict[str, Any] = {"outcome": "loaded", "text": ""}
+    notes.lines.clear()
     folder = str(Path(path).parent)
     stage = "load"
     try:
@@ -85,6 +97,7 @@ def case(path: str) -> dict[str, Any]:
         prepared = ph.prepare(scene)
         stage = "render"
         ph.render(prepared, width=8, height=8, crop=None, spp=1, max_depth=4, threads=1)
+        said["text"] = "; ".join(notes.lines)[:LONGEST]
     except ParhelionError as error:
         said |= {"outcome": "refused", "text": str(error), "place": place(error)}
         if memory_error(error):
@@ -112,7 +125,8 @@ def main() -> None:
     faulthandler.register(signal.SIGUSR1)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     log = logging.getLogger("parhelion")
-    log.addHandler(logging.NullHandler())
+    notes = Notes()
+    log.addHandler(notes)
     log.propagate = False
     # Matplotlib, OpenMP's threads and so on are there before anything is counted.
     warm = ph.Scene(shapes=(ph.Spheres([[0.0, 0.0, 0.0]], 1.0),))
@@ -124,7 +138,7 @@ def main() -> None:
         path, before = line.rstrip("\n"), left_over()
         reset_peak()
         start, resident = time.process_time(), status("VmRSS")
-        said = case(path)
+        said = case(path, notes)
         said["seconds"] = time.process_time() - start
         said["peak"] = status("VmHWM") - resident
         gc.collect()
