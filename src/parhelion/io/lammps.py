@@ -47,8 +47,8 @@ def read(path: Path, frame: int = 0) -> Particles:
         # whatever is no number in the first row is a column of names
         text = [
             i
-            for i, (name, word) in enumerate(zip(names, words, strict=False))
-            if name in ("element", "type") or not is_number(word)
+            for i, name in enumerate(names)
+            if name in ("element", "type") or (i < len(words) and not is_number(words[i]))
         ]
         axes = _axes(file, names, text)
         table = file.table(count, names, text)
