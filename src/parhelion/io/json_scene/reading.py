@@ -49,6 +49,9 @@ def parse(data: bytes, folders: Folders) -> model.Scene:
             text = invalid(str(error), plain, "$", Document)
         except msgspec.DecodeError as other:  # broken behind the value that is wrong
             text = malformed(str(other), data)
+        except (LookupError, TypeError):  # the place is in a value whose key comes again
+            source.refuse_repeated_keys(data)
+            raise
         raise SceneError(text) from None
     except msgspec.DecodeError as error:
         raise SceneError(malformed(str(error), data)) from None

@@ -12,6 +12,9 @@ from .messages import clip, position
 
 # Bytes of text, unpacked; larger arrays than fit in here belong in .npy files.
 LARGEST_TEXT = 2**30
+# Of a packed file, bytes that any may unpack to, and how many times its size one may beyond that
+_ALWAYS = 2**26
+_RATIO = 20
 
 _UNPACKERS = {".gz": "gzip", ".bz2": "bz2", ".xz": "lzma"}
 
@@ -22,14 +25,17 @@ def text(path: Path) -> bytes:
         raise SceneError("is not a regular file")
     if path.suffix.lower() in _UNPACKERS:
         unpacker = import_module(_UNPACKERS[path.suffix.lower()])
+        most = min(LARGEST_TEXT, max(_ALWAYS, _RATIO * path.stat().st_size))
         try:
             with unpacker.open(path) as file:
-                data: bytes = file.read(LARGEST_TEXT + 1)
+                data: bytes = file.read(most + 1)
         except OSError:
             raise
         except Exception as error:  # zlib.error, EOFError, LZMAError: each module has its own
             raise SceneError(f"cannot be unpacked: {error}") from None
         size = len(data)
+        if most < size <= LARGEST_TEXT:
+            raise SceneError(f"unpacks to more than {most} bytes, {_RATIO} times its size")
     else:
         size = path.stat().st_size
         data = path.read_bytes() if size <= LARGEST_TEXT else b""
