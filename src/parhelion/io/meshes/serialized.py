@@ -17,9 +17,10 @@ from . import Floats, MeshData, check_indices
 
 _MAGIC = 0x041C
 _NORMALS, _UVS, _COLORS, _FACE_NORMALS, _SINGLE, _DOUBLE = 0x1, 0x2, 0x8, 0x10, 0x1000, 0x2000
-# zlib packs at most 1032 times (RFC 1950's deflate, one bit for 258 bytes), so a mesh that claims
-# more than its bytes can hold is broken
-_RATIO = 1032
+# Bytes that any mesh may unpack to, and how many times its packed size one may beyond that: meshes
+# pack some three times
+_ALWAYS = 1 << 26
+_RATIO = 20
 # The longest name of a mesh, in bytes
 _LONGEST_NAME = 1 << 12
 
@@ -86,7 +87,7 @@ def _unpack(name: str, version: int, packed: bytes) -> MeshData:
     index = np.dtype("<u4" if vertex_count <= 0xFFFFFFFF else "<u8")
     numbers = vertex_count * sum(widths.values()) * number.itemsize
     total = at + numbers + face_count * 3 * index.itemsize
-    if total > _RATIO * len(packed) + 4096:
+    if total > max(_RATIO * len(packed), _ALWAYS):
         raise FormatError(
             f"{name}: {vertex_count} vertices and {face_count} faces cannot fit in it"
         )
