@@ -35,6 +35,8 @@ _DEEPEST_INCLUDE = 20
 _MOST_INCLUDES = 1000
 # Bytes of a scene file: text, of which the large parts lie in other files
 _LARGEST = 1 << 28
+# Characters of a value with its parameters put in: each may hold the one before many times over
+_LONGEST = 1 << 16
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -213,6 +215,8 @@ class Document:
         parser.CharacterDataHandler = words
         try:
             parser.Parse(text, True)
+        except FormatError:
+            raise
         except expat.ExpatError as error:
             reason = expat.ErrorString(error.code)
             raise FormatError(f"{path}: line {error.lineno}: is not XML: {reason}") from None
@@ -246,7 +250,10 @@ class Document:
                 f"give it by <default> or -D {word}=..."
             )
 
-        return re.sub(rf"\$({_NAME.pattern})", put, text)
+        made = re.sub(rf"\$({_NAME.pattern})", put, text)
+        if len(made) > _LONGEST:
+            raise FormatError(f"{node.place}: parameters make a text of {len(made)} characters")
+        return made
 
     # Elements
 

@@ -20,6 +20,9 @@ Color = tuple[float, float, float]
 Matrix = NDArray[np.float64]
 T = TypeVar("T")
 
+# Objects in each other, or behind each other's references; scenes need fewer than ten
+_DEEPEST = 100
+
 
 class Reader:
     """One scene file on its way to a Scene.
@@ -111,6 +114,8 @@ class Reader:
             return made
         if o in self._making:
             raise o.error("refers to itself")
+        if len(self._making) >= _DEEPEST:
+            raise o.error(f"is in or behind more than {_DEEPEST} others, by reference")
         function = table.get(o.type)
         if function is None:
             self.report(f"{unknown_name(f'{o.kind} type', o.type, table)}; ignored")
