@@ -146,6 +146,8 @@ def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Sc
     except (OSError, MemoryError) as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise FormatError(f"{file}: cannot be read: {reason}") from error
+    except RecursionError:
+        raise FormatError(f"{file}: is nested too deeply") from None
     assert isinstance(scene, Scene)
     from ..studio import dressed
 
