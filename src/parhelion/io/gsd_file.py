@@ -71,7 +71,10 @@ def _particles(file: Any, frame: int) -> Particles:
         """The chunk of this frame; else, as the schema says, of frame 0."""
         for source in dict.fromkeys((frame, 0)):
             if file.chunk_exists(source, name):
-                return np.asarray(file.read_chunk(source, name))
+                try:
+                    return np.asarray(file.read_chunk(source, name))
+                except MemoryError as error:  # as large as the file says, which may be wrong
+                    raise SceneError(f"{name}: {error}") from None
         return None
 
     positions = chunk("particles/position")
