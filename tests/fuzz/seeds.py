@@ -88,7 +88,10 @@ def npz() -> list[Case]:
 
 
 def pdb() -> list[Case]:
-    lines = ["HEADER    TEST", "CRYST1   20.000   20.000   20.000  90.00  90.00  90.00 P 1           1"]
+    lines = [
+        "HEADER    TEST",
+        "CRYST1   20.000   20.000   20.000  90.00  90.00  90.00 P 1           1",
+    ]
     for number, name in enumerate(("N", "CA", "C", "O", "CB"), 1):
         lines.append(
             f"ATOM  {number:5d}  {name:<3s} ALA A   1    {number:8.3f}{2.5:8.3f}{-1.25:8.3f}"
@@ -103,7 +106,9 @@ def gro() -> list[Case]:
     rows = ["    1WATER  OW1    1   0.126   1.624   1.679  0.1227 -0.0580  0.0434",
             "    1WATER  HW2    2   0.190   1.661   1.747  0.8085  0.3191 -0.7791",
             "    1WATER  HW3    3   0.177   1.568   1.613 -0.9045 -2.6469  1.3180"]  # fmt: skip
-    return [one("a.gro", "\n".join(["water t= 0.0", "    3", *rows, "   1.8 1.8 1.8 0 0 .5 0 0 0", ""]))]
+    return [
+        one("a.gro", "\n".join(["water t= 0.0", "    3", *rows, "   1.8 1.8 1.8 0 0 .5 0 0 0", ""]))
+    ]
 
 
 def gsd() -> list[Case]:
@@ -142,7 +147,10 @@ def ply_file(form: str = "binary_little_endian", extra: str = "") -> bytes:
         + f"element face 4\nproperty list uchar int vertex_indices\n{extra}end_header\n"
     ).encode()
     if form == "ascii":
-        rows = [" ".join(map(str, [*p, 0, 0, 1, *t, 255, 128, 0])) for p, t in zip(POINTS, UVS, strict=True)]
+        rows = [
+            " ".join(map(str, [*p, 0, 0, 1, *t, 255, 128, 0]))
+            for p, t in zip(POINTS, UVS, strict=True)
+        ]
         rows += [f"3 {a} {b} {c}" for a, b, c in FACES]
         return head + "\n".join(rows).encode() + b"\n"
     order = "<" if "little" in form else ">"
@@ -159,7 +167,9 @@ def ply() -> list[Case]:
         b"ply\nformat binary_big_endian 1.0\nelement vertex 4\nproperty double x\nproperty double y\n"
         b"property double z\nproperty float heat\nelement face 2\nproperty list uint ushort "
         b"vertex_index\nproperty int material\nelement edge 1\nproperty int vertex1\nend_header\n"
-        + struct.pack(">dddfdddfdddfdddf", *(float(v) for v in np.append(POINTS, UVS[:, :1], 1).flat))
+        + struct.pack(
+            ">dddfdddfdddfdddf", *(float(v) for v in np.append(POINTS, UVS[:, :1], 1).flat)
+        )
         + struct.pack(">I4Hi", 4, 0, 1, 2, 3, 7)
         + struct.pack(">I3Hi", 3, 0, 1, 2, 7)
         + struct.pack(">i", 3)
@@ -269,7 +279,9 @@ def json_scene() -> list[Case]:
     }  # fmt: skip
     array = io.BytesIO()
     np.save(array, POINTS)
-    return [one("a.json", json.dumps(document), a_npy=array.getvalue(), a_png=PNG, a_ply=ply_file())]
+    return [
+        one("a.json", json.dumps(document), a_npy=array.getvalue(), a_png=PNG, a_ply=ply_file())
+    ]
 
 
 def mitsuba() -> list[Case]:
@@ -494,7 +506,11 @@ class Document:
 
     def __init__(self) -> None:
         self.binary = b""
-        self.json: dict[str, Any] = {"asset": {"version": "2.0"}, "bufferViews": [], "accessors": []}
+        self.json: dict[str, Any] = {
+            "asset": {"version": "2.0"},
+            "bufferViews": [],
+            "accessors": [],
+        }
 
     def view(self, data: bytes, **fields: Any) -> int:
         self.binary += bytes(-len(self.binary) % 4)
@@ -575,10 +591,16 @@ def gltf_document() -> Document:
                         {"attributes": {"POSITION": sparse}, "mode": 3, "extensions": {
                             "KHR_materials_variants": {"mappings": [{"material": 2, "variants": [0]}]}}}]},
     ]  # fmt: skip
-    d.json["skins"] = [{"joints": [1], "inverseBindMatrices": d.array(np.eye(4, dtype=np.float32).reshape(1, 16))}]
+    d.json["skins"] = [
+        {"joints": [1], "inverseBindMatrices": d.array(np.eye(4, dtype=np.float32).reshape(1, 16))}
+    ]
     times, moves = d.array(np.float32([0, 1])), d.array(POINTS[:2])
-    d.json["animations"] = [{"samplers": [{"input": times, "output": moves}],
-                             "channels": [{"sampler": 0, "target": {"node": 1, "path": "translation"}}]}]
+    d.json["animations"] = [
+        {
+            "samplers": [{"input": times, "output": moves}],
+            "channels": [{"sampler": 0, "target": {"node": 1, "path": "translation"}}],
+        }
+    ]
     d.json["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]
     d.json["nodes"] = [
         {"mesh": 0, "skin": 0, "children": [1]},
@@ -593,7 +615,11 @@ def gltf_document() -> Document:
         "KHR_lights_punctual": {"lights": [{"type": "spot", "intensity": 9, "spot": {"outerConeAngle": 0.5}}]},
         "KHR_materials_variants": {"variants": [{"name": "a"}]},
     }  # fmt: skip
-    d.json["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_variants", "EXT_mesh_gpu_instancing"]
+    d.json["extensionsUsed"] = [
+        "KHR_lights_punctual",
+        "KHR_materials_variants",
+        "EXT_mesh_gpu_instancing",
+    ]
     return d
 
 
@@ -607,8 +633,17 @@ def gltf_draco() -> list[Case]:
               "attributes": {"POSITION": 0}}  # fmt: skip
     d.json["accessors"] = [{"componentType": 5126, "count": 4, "type": "VEC3"},
                            {"componentType": 5123, "count": 12, "type": "SCALAR"}]  # fmt: skip
-    d.json["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1,
-                                         "extensions": {"KHR_draco_mesh_compression": packed}}]}]
+    d.json["meshes"] = [
+        {
+            "primitives": [
+                {
+                    "attributes": {"POSITION": 0},
+                    "indices": 1,
+                    "extensions": {"KHR_draco_mesh_compression": packed},
+                }
+            ]
+        }
+    ]
     d.json |= {"nodes": [{"mesh": 0}], "extensionsRequired": ["KHR_draco_mesh_compression"]}
     return [d.separate(), d.glb()]
 
@@ -632,10 +667,14 @@ def gltf_meshopt() -> list[Case]:
         packed = dict(view) | {"byteStride": stride, "count": count, "mode": mode}
         view |= {"buffer": 1, "byteOffset": 0, "byteLength": stride * count,
                  "extensions": {"EXT_meshopt_compression": packed}}  # fmt: skip
-    d.json["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": i} for i in (1, 2)]}]
+    d.json["meshes"] = [
+        {"primitives": [{"attributes": {"POSITION": 0}, "indices": i} for i in (1, 2)]}
+    ]
     d.json |= {"nodes": [{"mesh": 0}], "extensionsUsed": ["EXT_meshopt_compression"]}
     case = d.separate()
-    d.json["buffers"].append({"byteLength": 192, "extensions": {"EXT_meshopt_compression": {"fallback": True}}})
+    d.json["buffers"].append(
+        {"byteLength": 192, "extensions": {"EXT_meshopt_compression": {"fallback": True}}}
+    )
     return [one("a.gltf", json.dumps(d.json), a_bin=case.files["a.bin"])]
 
 
