@@ -132,7 +132,7 @@ WRONG: dict[str, tuple[str, int, str, bytes, bytes, str]] = {
         "has cycles"),
     "usd instancer": ("usd", 0, "a.usda", b"prototypes = [</World/I/A>]",
         b"prototypes = [</World/I>]", "/World/I: is in its own prototype"),
-    "obj itself": ("obj", 0, "a.obj", b"mtllib a.mtl", b"mtllib a.obj", "comes before any 'newmtl'"),
+    "obj itself": ("obj", 0, "a.obj", b"mtllib a.mtl", b"mtllib a.obj", "comes before any .newm"),
     "json itself": ("json", 0, "a.json", b'"a.ply"', b'"a.json"', "must be a mesh file"),
 }  # fmt: skip
 
@@ -189,7 +189,7 @@ LYING: dict[str, tuple[Callable[[], Case], str]] = {
         r"accessors\[6\]: 4000000000 elements need 8000000000 bytes; bufferViews\[6\] has 24"),
     "glb": (lambda: _glb(8), r"has \d+ of the 4000000000 bytes"),
     "glb chunk": (lambda: _glb(12), "chunk at byte 12 reaches beyond the end"),
-    "pbrt film": (lambda: changed("pbrt", 0, "a.pbrt", b'xresolution" 16', b'xresolution" %d' % MANY),
+    "pbrt film": (lambda: changed("pbrt", 0, "a.pbrt", b'resolution" 8', b'resolution" %d' % MANY),
         "Film"),
     "pbrt heights": (lambda: changed("pbrt", 1, "c.pbrt", b'nu" 2', b'nu" 2000000000'), "heights"),
     "usd faces": (lambda: changed("usd", 0, "a.usda", b"Counts = [4]", b"Counts = [2000000000]"),

@@ -164,7 +164,8 @@ def ply_file(form: str = "binary_little_endian", extra: str = "") -> bytes:
 
 def ply() -> list[Case]:
     quads = (
-        b"ply\nformat binary_big_endian 1.0\nelement vertex 4\nproperty double x\nproperty double y\n"
+        b"ply\nformat binary_big_endian 1.0\nelement vertex 4\nproperty double x\n"
+        b"property double y\n"
         b"property double z\nproperty float heat\nelement face 2\nproperty list uint ushort "
         b"vertex_index\nproperty int material\nelement edge 1\nproperty int vertex1\nend_header\n"
         + struct.pack(
@@ -179,7 +180,8 @@ def ply() -> list[Case]:
         one("b.ply", ply_file("ascii")),
         one("c.ply", quads),
         one("d.ply.gz", gzip.compress(ply_file("binary_big_endian"), 1)),
-        one("e.pbrt", 'WorldBegin\nLightSource "infinite"\nShape "plymesh" "string filename" "a.ply"\n',
+        one("e.pbrt", 'WorldBegin\nLightSource "infinite"\n'
+            'Shape "plymesh" "string filename" "a.ply"\n',
             a_ply=ply_file()),
     ]  # fmt: skip
 
@@ -208,7 +210,8 @@ def obj() -> list[Case]:
     text = (
         "mtllib a.mtl\no tetra\n" + "".join(f"v {x} {y} {z}\n" for x, y, z in POINTS)
         + "".join(f"vt {u} {v}\n" for u, v in UVS) + "vn 0 0 1\nvn 0 1 0\ng one\nusemtl red\ns 1\n"
-        "f 1/1/1 3/3/1 2/2/1\nf 1//2 2//2 4//2\nusemtl shiny # comment\nf 2 3 4\nf -4 -1 -3 -2\nl 1 2\n"
+        "f 1/1/1 3/3/1 2/2/1\nf 1//2 2//2 4//2\nusemtl shiny # comment\n"
+        "f 2 3 4\nf -4 -1 -3 -2\nl 1 2\n"
     )  # fmt: skip
     mtl = (
         "newmtl red\nKd 0.8 0.1 0.1\nKs 0.5 0.5 0.5\nNs 100\nNi 1.5\nd 0.75\nillum 2\n"
@@ -239,7 +242,8 @@ def serialized_file(version: int = 4) -> bytes:
 
 def serialized() -> list[Case]:
     scene = (
-        '<scene version="3.0.0"><shape type="serialized"><string name="filename" value="a.serialized"/>'
+        '<scene version="3.0.0"><shape type="serialized">'
+        '<string name="filename" value="a.serialized"/>'
         '<integer name="shape_index" value="{}"/></shape><emitter type="constant"/></scene>'
     )
     return [
@@ -259,7 +263,8 @@ def json_scene() -> list[Case]:
                    "aperture_radius": 0.1, "focus_distance": 5},
         "background": {"type": "gradient", "horizon": [1, 1, 1], "zenith": [0.3, 0.5, 1]},
         "settings": {"width": 16, "height": 8, "spp": 1, "max_depth": 4},
-        "materials": {"a": {"type": "diffuse", "color": {"type": "image", "image": "a.png"}}, "glass": {"type": "dielectric"},
+        "materials": {"a": {"type": "diffuse", "color": {"type": "image", "image": "a.png"}},
+                      "glass": {"type": "dielectric"},
                       "b": {"type": "metal", "fuzz": 0.1, "color": {
                           "type": "checker", "color0": [0, 0, 0], "color1": [1, 1, 1]}},
                       "p": {"type": "principled", "roughness": 0.4, "metallic": 0.5},
@@ -271,7 +276,8 @@ def json_scene() -> list[Case]:
             {"type": "mesh", "name": "m", "vertices": POINTS.tolist(), "faces": FACES.tolist(),
              "uvs": UVS.tolist(), "material": "a"},
             {"type": "mesh", "name": "f", "file": "a.ply", "material": "p"},
-            {"type": "disks", "name": "d", "centers": [[0, 2, 0]], "axis_u": [[1, 0, 0]], "axis_v": [[0, 0, 1]],
+            {"type": "disks", "name": "d", "centers": [[0, 2, 0]], "axis_u": [[1, 0, 0]],
+             "axis_v": [[0, 0, 1]],
              "material": "lamp"},
             {"type": "cylinders", "name": "c", "starts": [[0, 0, 0]], "ends": [[1, 1, 0]],
              "radii": 0.1, "material": "b"},
@@ -291,8 +297,10 @@ def mitsuba() -> list[Case]:
 <lookat origin="0, 1, 6" target="0, 0, 0" up="0, 1, 0"/></transform><film type="hdrfilm">
 <integer name="width" value="16"/><integer name="height" value="8"/><rfilter type="box"/></film>
 <sampler type="independent"><integer name="sample_count" value="$spp"/></sampler></sensor>
-<bsdf type="twosided" id="wood"><bsdf type="roughplastic"><texture type="bitmap" name="diffuse_reflectance">
-<string name="filename" value="a.png"/><transform name="to_uv"><scale x="2" y="2"/></transform></texture>
+<bsdf type="twosided" id="wood"><bsdf type="roughplastic"><texture type="bitmap"
+name="diffuse_reflectance">
+<string name="filename" value="a.png"/><transform name="to_uv">
+<scale x="2" y="2"/></transform></texture>
 <float name="alpha" value="0.2"/></bsdf></bsdf><bsdf type="dielectric" id="glass">
 <string name="int_ior" value="bk7"/></bsdf><bsdf type="roughconductor" id="metal">
 <string name="material" value="Au"/></bsdf>
@@ -300,15 +308,20 @@ def mitsuba() -> list[Case]:
 <ref id="glass"/></shape><shape type="cube"><transform name="to_world"><rotate y="1" angle="30"/>
 <translate x="-1"/></transform><ref id="wood"/></shape><shape type="obj"><string name="filename"
 value="a.obj"/><ref id="metal"/></shape><shape type="ply"><string name="filename" value="a.ply"/>
-<boolean name="face_normals" value="true"/><bsdf type="diffuse"><rgb name="reflectance" value="0.2, 0.5, 0.7"/>
+<boolean name="face_normals" value="true"/><bsdf type="diffuse">
+<rgb name="reflectance" value="0.2, 0.5, 0.7"/>
 </bsdf></shape><shape type="shapegroup" id="group"><shape type="rectangle"/></shape>
-<shape type="instance"><ref id="group"/><transform name="to_world"><matrix value="1 0 0 0 0 1 0 2 0 0 1 0
-0 0 0 1"/></transform></shape><shape type="rectangle"><emitter type="area"><rgb name="radiance" value="4"/>
+<shape type="instance"><ref id="group"/><transform name="to_world"><matrix
+value="1 0 0 0 0 1 0 2 0 0 1 0 0 0 0 1"/></transform></shape><shape type="rectangle">
+<emitter type="area">
+<rgb name="radiance" value="4"/>
 </emitter></shape><shape type="disk"/><shape type="cylinder"/>
 <emitter type="envmap"><string name="filename" value="a.png"/></emitter>
-<emitter type="point"><point name="position" x="0" y="4" z="0"/><spectrum name="intensity" value="400:1, 700:2"/>
+<emitter type="point"><point name="position" x="0" y="4" z="0"/>
+<spectrum name="intensity" value="400:1, 700:2"/>
 </emitter><include filename="b.xml"/></scene>"""
-    included = '<scene version="3.0.0"><bsdf type="mask" id="m"><float name="opacity" value="0.5"/><bsdf type="diffuse"/></bsdf></scene>'
+    included = '<scene version="3.0.0"><bsdf type="mask" id="m"><float name="opacity" value="0.5"/>'
+    included += '<bsdf type="diffuse"/></bsdf></scene>'
     mesh = obj()[1].files["b.obj"]
     return [one("a.xml", text, b_xml=included.encode(), a_png=PNG, a_obj=mesh, a_ply=ply_file())]
 
@@ -330,11 +343,14 @@ AttributeBegin
   Translate 0 2 0 Rotate 90 1 0 0
   Shape "disk" "float radius" 0.5
 AttributeEnd
-Texture "checks" "spectrum" "checkerboard" "float uscale" 4 "rgb tex1" [ 1 0 0 ] "rgb tex2" [ 0 0 1 ]
+Texture "checks" "spectrum" "checkerboard" "float uscale" 4 "rgb tex1" [ 1 0 0 ]
+  "rgb tex2" [ 0 0 1 ]
 Texture "picture" "spectrum" "imagemap" "string filename" "a.png" "string wrap" "clamp"
 Texture "mixed" "float" "scale" "float tex" 0.5 "float scale" 0.2
-MakeNamedMaterial "metal" "string type" "conductor" "spectrum eta" "metal-Cu-eta" "spectrum k" "metal-Cu-k" "float roughness" 0.1
-MakeNamedMaterial "mixed" "string type" "mix" "string materials" [ "metal" "glass" ] "float amount" 0.3
+MakeNamedMaterial "metal" "string type" "conductor" "spectrum eta" "metal-Cu-eta"
+  "spectrum k" "metal-Cu-k" "float roughness" 0.1
+MakeNamedMaterial "mixed" "string type" "mix" "string materials" [ "metal" "glass" ]
+  "float amount" 0.3
 MakeNamedMaterial "glass" "string type" "dielectric" "float eta" 1.5
 Material "coateddiffuse" "texture reflectance" "checks" "texture roughness" "mixed"
 Shape "sphere" "float radius" 0.5 "float zmin" -0.3 "float phimax" 270
@@ -343,8 +359,10 @@ NamedMaterial "mixed"
 Shape "trianglemesh" "integer indices" [ 0 1 2 0 2 3 ] "point3 P" [ 0 0 0 1 0 0 1 1 0 0 1 0 ]
   "point2 uv" [ 0 0 1 0 1 1 0 1 ] "normal N" [ 0 0 1 0 0 1 0 0 1 0 0 1 ]
 Shape "plymesh" "string filename" "a.ply"
-Shape "loopsubdiv" "integer levels" 2 "integer indices" [ 0 1 2 0 2 3 0 3 1 1 3 2 ] "point3 P" [ 0 0 0 1 0 0 0 1 0 0 0 1 ]
-Shape "curve" "point3 P" [ 0 0 0 1 0 0 1 1 0 0 1 0 ] "float width0" 0.1 "float width1" 0.02 "string type" "cylinder"
+Shape "loopsubdiv" "integer levels" 2 "integer indices" [ 0 1 2 0 2 3 0 3 1 1 3 2 ]
+  "point3 P" [ 0 0 0 1 0 0 0 1 0 0 0 1 ]
+Shape "curve" "point3 P" [ 0 0 0 1 0 0 1 1 0 0 1 0 ] "float width0" 0.1
+  "float width1" 0.02 "string type" "cylinder"
 Shape "bilinearmesh" "point3 P" [ 0 0 0 1 0 0 0 1 0 1 1 1 ] "integer indices" [ 0 1 2 3 ]
 ObjectBegin "thing"
   Material "diffuse" "texture reflectance" "picture"
@@ -550,7 +568,8 @@ def gltf_document() -> Document:
     d = Document()
     attributes = {
         "POSITION": d.array(POINTS), "NORMAL": d.array(np.tile(np.float32([0, 0, 1]), (4, 1))),
-        "TEXCOORD_0": d.array(UVS), "COLOR_0": d.array(np.full((4, 4), 200, np.uint8), normalized=True),
+        "TEXCOORD_0": d.array(UVS),
+        "COLOR_0": d.array(np.full((4, 4), 200, np.uint8), normalized=True),
         "JOINTS_0": d.array(np.zeros((4, 4), np.uint8)),
         "WEIGHTS_0": d.array(np.tile(np.float32([1, 0, 0, 0]), (4, 1))),
     }  # fmt: skip
@@ -567,10 +586,12 @@ def gltf_document() -> Document:
     moved = {"KHR_texture_transform": {"offset": [0.1, 0], "scale": [2, 2], "rotation": 0.5}}
     info = {"index": 0, "extensions": moved}
     d.json["materials"] = [
-        {"pbrMetallicRoughness": {"baseColorTexture": info, "metallicRoughnessTexture": {"index": 0},
+        {"pbrMetallicRoughness": {"baseColorTexture": info,
+                                  "metallicRoughnessTexture": {"index": 0},
                                   "baseColorFactor": [1, 0.5, 0.5, 1], "metallicFactor": 0.5},
          "normalTexture": {"index": 0, "scale": 0.5}, "emissiveTexture": {"index": 0},
-         "emissiveFactor": [0.1, 0.1, 0.1], "alphaMode": "MASK", "alphaCutoff": 0.4, "doubleSided": True,
+         "emissiveFactor": [0.1, 0.1, 0.1], "alphaMode": "MASK", "alphaCutoff": 0.4,
+         "doubleSided": True,
          "extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 0.5},
                         "KHR_materials_sheen": {"sheenColorFactor": [1, 0, 0]},
                         "KHR_materials_specular": {"specularFactor": 0.5},
@@ -579,7 +600,8 @@ def gltf_document() -> Document:
                         "KHR_materials_emissive_strength": {"emissiveStrength": 5}}},
         {"extensions": {"KHR_materials_transmission": {"transmissionFactor": 1},
                         "KHR_materials_volume": {"thicknessFactor": 0.1, "attenuationDistance": 1},
-                        "KHR_materials_ior": {"ior": 1.4}, "KHR_materials_dispersion": {"dispersion": 1}}},
+                        "KHR_materials_ior": {"ior": 1.4},
+                        "KHR_materials_dispersion": {"dispersion": 1}}},
         {"extensions": {"KHR_materials_unlit": {}}},
         {"extensions": {"KHR_materials_pbrSpecularGlossiness": {"glossinessFactor": 0.3}}},
     ]  # fmt: skip
@@ -589,7 +611,8 @@ def gltf_document() -> Document:
         {"primitives": [{"attributes": {"POSITION": sparse}, "material": 1, "mode": 5},
                         {"attributes": {"POSITION": sparse}, "mode": 0},
                         {"attributes": {"POSITION": sparse}, "mode": 3, "extensions": {
-                            "KHR_materials_variants": {"mappings": [{"material": 2, "variants": [0]}]}}}]},
+                            "KHR_materials_variants": {
+                                "mappings": [{"material": 2, "variants": [0]}]}}}]},
     ]  # fmt: skip
     d.json["skins"] = [
         {"joints": [1], "inverseBindMatrices": d.array(np.eye(4, dtype=np.float32).reshape(1, 16))}
@@ -612,7 +635,8 @@ def gltf_document() -> Document:
     ]  # fmt: skip
     d.json["scenes"], d.json["scene"] = [{"nodes": [0, 2, 3, 4]}], 0
     d.json["extensions"] = {
-        "KHR_lights_punctual": {"lights": [{"type": "spot", "intensity": 9, "spot": {"outerConeAngle": 0.5}}]},
+        "KHR_lights_punctual": {
+            "lights": [{"type": "spot", "intensity": 9, "spot": {"outerConeAngle": 0.5}}]},
         "KHR_materials_variants": {"variants": [{"name": "a"}]},
     }  # fmt: skip
     d.json["extensionsUsed"] = [

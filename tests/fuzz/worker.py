@@ -56,11 +56,11 @@ def left_over() -> dict[str, int]:
 
 
 def memory_error(error: BaseException | None) -> bool:
-    """Whether an error is, or was made from, one of memory."""
+    """Whether an error is one of memory, or tells of one that no reader has put in its own words."""
     while error is not None:
         if isinstance(error, MemoryError):
             return True
-        error = error.__cause__ or error.__context__
+        error = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
     return False
 
 
