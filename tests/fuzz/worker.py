@@ -56,7 +56,7 @@ def left_over() -> dict[str, int]:
 
 
 def memory_error(error: BaseException | None) -> bool:
-    """Whether an error is one of memory, or tells of one that no reader has put in its own words."""
+    """Whether an error is one of memory, which no reader has put in its own words."""
     while error is not None:
         if isinstance(error, MemoryError):
             return True
