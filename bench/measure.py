@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from .lights import lights
+from .loading import loading
 from .process import Worker, run, start_seconds
 from .references import references
 from .scenes import BenchError
@@ -203,6 +204,7 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
     "clouds": clouds,
     "error": error,
     "lights": lights,
+    "loading": loading,
     "references": references,
 }
 

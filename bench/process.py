@@ -37,7 +37,7 @@ class Worker:
         assert self._process.stdout
         self._requests, self._answers = self._process.stdin, self._process.stdout
         try:
-            self.known = self._ask(job)
+            self.known = self.ask(job)
         except BenchError:
             self.close()
             raise
@@ -47,7 +47,7 @@ class Worker:
     ) -> dict[str, Any]:
         """Renders once. options: for ours, more arguments of parhelion.render()."""
         path = str(save) if save else None
-        return self._ask({"spp": spp, "seed": seed, "save": path, "options": options})
+        return self.ask({"spp": spp, "seed": seed, "save": path, "options": options})
 
     def close(self) -> None:
         """Ends the process, at once if it does not go by itself."""
@@ -60,7 +60,8 @@ class Worker:
             self._process.wait()
         self._answers.close()
 
-    def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
+    def ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        """The answer to a request of the renderer's own kind."""
         # A renderer may hang (Mitsuba's pool has); killed, its pipe ends and so does the wait.
         limit = threading.Timer(SECONDS_A_REQUEST, self._process.kill)
         limit.start()

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-WEEKEND = REPOSITORY.parent / "shared" / "scenes" / "weekend" / "spheres.json"
+SHARED = REPOSITORY.parent / "shared" / "scenes"
+WEEKEND = SHARED / "weekend" / "spheres.json"
 
 
 class BenchError(Exception):
