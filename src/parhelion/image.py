@@ -308,8 +308,8 @@ def picture_size(path: str | os.PathLike[str], where: str = "") -> tuple[int, in
 
     source = oiio.ImageInput.open(os.fspath(path))
     if source is None:
-        start = f"{where}: " if where else ""
-        raise FormatError(f"{start}{path}: cannot be read: {_reason(oiio.geterror) or 'no such file'}")
+        start, reason = f"{where}: " if where else "", _reason(oiio.geterror) or "no such file"
+        raise FormatError(f"{start}{path}: cannot be read: {reason}")
     spec = source.spec()
     source.close()
     return int(spec.width), int(spec.height)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +89,7 @@ def load(path: Path, options: LoadOptions) -> Scene:
             material = indices if len(used) > 1 else names[used[0]]
         else:
             materials = {}
-        mesh = shaded(data, path.stem, material)
+        mesh = replace(plain, material=material)
     reports.tell()
     up = framing(axis(options.up or "y"))
     return Scene([mesh], materials=materials, camera=up, background=None, name=path.name)

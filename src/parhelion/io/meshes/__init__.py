@@ -70,28 +70,49 @@ def turned(vertices: Floats, faces: Integers, normals: Floats) -> Integers:
     return np.where(against[:, None], faces[:, [0, 2, 1]], faces) if against.any() else faces
 
 
+def in_order(keys: Integers) -> tuple[Integers, Integers]:
+    """The places of keys, which are not negative, from the least to the greatest, equal ones as
+    they stood; and the keys so.
+    """
+    bits = len(keys).bit_length()
+    if (
+        int(keys.max(initial=0)).bit_length() + bits < 64
+    ):  # one sort of both is several times faster
+        both = np.sort(keys << bits | np.arange(len(keys)))
+        return both & ((1 << bits) - 1), both >> bits
+    order = np.argsort(keys, kind="stable")
+    return order, keys[order]
+
+
+def distinct(keys: Integers) -> tuple[Integers, Integers]:
+    """Which of the different keys, from the least, each key is; and where each stands first."""
+    order, keys = in_order(keys)
+    new = np.append(True, keys[1:] != keys[:-1])[: len(keys)]
+    which = np.empty_like(order)
+    which[order] = np.cumsum(new) - 1
+    return which, order[new]
+
+
 def smooth_normals(vertices: Floats, faces: Integers) -> NDArray[np.float64]:
     """Normals at the vertices: those of the faces around, weighted by the angle there.
 
     G. Thürmer and C. A. Wüthrich, "Computing vertex normals from polygonal facets", Journal of
     Graphics Tools 3(1), 1998. A vertex of no face, or of faces that cancel, gets (1, 0, 0).
     """
-    corners = np.asarray(vertices, np.float64)[faces]
-    edge = np.roll(corners, -1, axis=1) - corners  # (F, 3, 3): from each corner to the next
-    back = -np.roll(edge, 1, axis=1)
-    normal = np.cross(edge[:, 0], edge[:, 1])
-    area = np.linalg.norm(normal, axis=1)
+    corners = [np.asarray(vertices, np.float64)[faces[:, i]] for i in range(3)]
+    edges = [corners[(i + 1) % 3] - corners[i] for i in range(3)]
+    normal = np.cross(edges[0], edges[1])
+    area = np.sqrt(np.einsum("fi,fi->f", normal, normal))  # of the parallelogram at any corner
     flat = area == 0.0
     normal /= np.where(flat, 1.0, area)[:, None]
-    sine = np.linalg.norm(np.cross(edge, back), axis=2)
-    angle = np.arctan2(sine, np.einsum("fci,fci->fc", edge, back))
-    weighted = normal[:, None, :] * np.where(flat[:, None], 0.0, angle)[:, :, None]
+    weighted = np.empty((3, 3, len(faces)))  # axis, corner, face
+    for i in range(3):
+        angle = np.arctan2(area, -np.einsum("fi,fi->f", edges[i], edges[i - 1]))
+        angle[flat] = 0.0
+        np.multiply(normal.T, angle, out=weighted[:, i])
+    at = faces.T.ravel()
     total = np.stack(
-        [
-            np.bincount(faces.ravel(), weighted[:, :, axis].ravel(), minlength=len(vertices))
-            for axis in range(3)
-        ],
-        axis=1,
+        [np.bincount(at, values.ravel(), minlength=len(vertices)) for values in weighted], axis=1
     )
     length = np.linalg.norm(total, axis=1, keepdims=True)
     lost = length[:, 0] < 1e-12
@@ -109,39 +130,40 @@ def split_at_creases(
     `degrees`, and so do the neighbours of those. Returns the new (F, 3) faces and, for each new
     vertex, the old one.
     """
-    corners = np.asarray(vertices, np.float64)[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals /= np.where(length == 0.0, 1.0, length)
-    # Half edges that run between the same two vertices, one after the other; of more than two, as
-    # where three sheets meet, neighbours in this order.
-    begin, end = faces, np.roll(faces, -1, axis=1)
-    key = (np.minimum(begin, end) * len(vertices) + np.maximum(begin, end)).ravel()
-    order = np.argsort(key, kind="stable")
-    twin = np.flatnonzero(key[order[1:]] == key[order[:-1]])
+    a, b, c = (np.asarray(vertices, np.float64)[faces[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    length = np.sqrt(np.einsum("fi,fi->f", normals, normals))
+    normals /= np.where(length == 0.0, 1.0, length)[:, None]
+    # A half edge has the number of the corner where it begins. Those that run between the same two
+    # vertices, one after the other; of more than two, as where three sheets meet, neighbours in
+    # this order.
+    count = faces.size
+    begin, after = faces.ravel(), np.roll(np.arange(count).reshape(-1, 3), -1, axis=1).ravel()
+    end = begin[after]
+    key = np.minimum(begin, end) * len(vertices) + np.maximum(begin, end)
+    order, key = in_order(key)
+    twin = np.flatnonzero(key[1:] == key[:-1])
     one, other = order[twin], order[twin + 1]
     flat = np.einsum("ei,ei->e", normals[one // 3], normals[other // 3])
     smooth = flat > np.cos(np.radians(degrees))
     one, other = one[smooth], other[smooth]
-
     # The corners at both ends of such an edge are one vertex.
-    def corner(half_edge: Integers, vertex: Integers) -> Integers:
-        face, side = half_edge // 3, half_edge % 3
-        return 3 * face + np.where(faces[face, side] == vertex, side, (side + 1) % 3)
-
-    pairs = []
-    for at in (begin.ravel()[one], end.ravel()[one]):
-        pairs.append(np.stack([corner(one, at), corner(other, at)]))
-    left, right = np.concatenate(pairs, axis=1)
-    label = np.arange(3 * len(faces))
+    along = begin[one] == begin[other]
+    left = np.concatenate([one, after[one]])
+    right = np.concatenate(
+        [np.where(along, other, after[other]), np.where(along, after[other], other)]
+    )
+    label = np.arange(count)
     while True:
-        least = np.minimum(label[left], label[right])
-        lower = label.copy()
-        np.minimum.at(lower, label[left], least)
-        np.minimum.at(lower, label[right], least)
-        lower = lower[lower[label]]
-        if np.array_equal(lower, label):
+        first, second = label[left], label[right]
+        apart = first != second
+        if not apart.any():
             break
-        label = lower
-    chosen, index = np.unique(label, return_inverse=True)
-    return index.reshape(-1, 3).astype(np.int64), faces.ravel()[chosen].astype(np.int64)
+        left, right, first, second = left[apart], right[apart], first[apart], second[apart]
+        least = np.minimum(first, second)
+        np.minimum.at(label, first, least)
+        np.minimum.at(label, second, least)
+        while not np.array_equal(lower := label[label], label):
+            label = lower
+    own = label == np.arange(count)
+    return (np.cumsum(own) - 1)[label].reshape(-1, 3), begin[own].astype(np.int64)

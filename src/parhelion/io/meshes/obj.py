@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...errors import FormatError
 from ...spectra import decode_srgb
 from ..files import contents
-from . import Floats, Integers, MeshData, triangulate
+from . import Floats, Integers, MeshData, distinct, triangulate
 from .numbers import parse, words_per_line
 
 _KINDS = {b"v ": 1, b"vt": 2, b"vn": 3, b"f ": 4, b"us": 5, b"mt": 6}
@@ -184,7 +184,7 @@ def _indexed(faces: Integers, arrays: dict[int, Floats], colors: Floats | None) 
     flat = faces.reshape(-1, 3)
     sizes = [len(arrays[kind]) + 1 for kind in (1, 2, 3)]
     keys = ((flat[:, 0] + 1) * sizes[1] + flat[:, 1] + 1) * sizes[2] + flat[:, 2] + 1
-    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    inverse, first = distinct(keys)
     order = np.argsort(first)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
@@ -196,7 +196,7 @@ def _indexed(faces: Integers, arrays: dict[int, Floats], colors: Floats | None) 
         normals = arrays[3][chosen[:, 2]]
     return MeshData(
         vertices=arrays[1][chosen[:, 0]],
-        faces=rank[inverse.ravel()].reshape(-1, 3),
+        faces=rank[inverse].reshape(-1, 3),
         normals=normals,
         uvs=uvs,
         attributes={} if colors is None else {"vertex_color": colors[chosen[:, 0]]},

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...errors import FormatError
 from ..files import contents
-from . import MeshData
+from . import MeshData, distinct
 from .numbers import parse
 
 _HEADER = 84  # bytes: 80 of text, and the number of faces
@@ -30,8 +30,12 @@ def read(path: Path) -> MeshData:
     bad = ~np.isfinite(corners).all(axis=(1, 2))
     if bad.any():
         raise FormatError(f"{path}: face {int(np.argmax(bad))} has a corner that is not finite")
-    places, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    return MeshData(places, index.reshape(-1, 3).astype(np.int64), face_normals=True)
+    corners = corners.reshape(-1, 3) + np.float32(0.0)  # no -0
+    which = np.zeros(len(corners), np.int64)
+    for column in np.ascontiguousarray(corners.T).view(np.uint32):
+        rank = distinct(column.astype(np.int64))[0]
+        which, first = distinct(which * (int(rank.max()) + 1) + rank)
+    return MeshData(corners[first], which.reshape(-1, 3), face_normals=True)
 
 
 def _is_binary(data: bytes) -> bool:

@@ -105,11 +105,11 @@ def _refuse_deep_text(file: Path, where: str) -> None:
             return
         text = np.frombuffer(stream.read(), np.uint8)
     # the parser takes seconds and gigabytes for what it then refuses
-    for pair, what in (("{}", "prims in prims"), ("()", "tuples in tuples"), ("[]", "lists in lists")):
+    for pair, what in (("{}", "prims"), ("()", "tuples"), ("[]", "lists")):
         begin, end = (text == ord(c) for c in pair)
         open_ = np.cumsum(begin.astype(np.int8) - end, dtype=np.int32)
         if (open_ - np.minimum.accumulate(open_)).max(initial=0) > _DEEPEST:
-            raise FormatError(f"{where}: has {what}, more than {_DEEPEST} deep")
+            raise FormatError(f"{where}: has {what} in {what}, more than {_DEEPEST} deep")
 
 
 def _refuse_deep(layer: Any, where: str) -> None:
