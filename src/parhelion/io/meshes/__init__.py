@@ -93,26 +93,52 @@ def distinct(keys: Integers) -> tuple[Integers, Integers]:
     return which, order[new]
 
 
+def _edges(vertices: Floats, faces: Integers) -> tuple[list[NDArray[np.float64]], ...]:
+    """The (F,) coordinates x, y, z of the edges from each corner to the next, of three corners.
+
+    Arrays of one coordinate are several times as fast to work on as rows of three.
+    """
+    edges: tuple[list[NDArray[np.float64]], ...] = ([], [], [])
+    first, second, third = np.ascontiguousarray(faces.T)
+    for along in np.ascontiguousarray(np.asarray(vertices, np.float64).T):
+        a, b, c = along[first], along[second], along[third]
+        for edge, difference in zip(edges, (b - a, c - b, a - c), strict=True):
+            edge.append(difference)
+    return edges
+
+
+def _unit_normals(
+    edges: tuple[list[NDArray[np.float64]], ...],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(3, F) normals of faces, 0 of those without an area; and (F,) twice the area."""
+    (ax, ay, az), (bx, by, bz) = edges[:2]
+    normals = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    area = np.sqrt(_dot(normals, normals))
+    normals /= np.where(area == 0.0, 1.0, area)
+    return normals, area
+
+
+def _dot(a: Any, b: Any) -> Any:
+    """Of vectors as three arrays of coordinates."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 def smooth_normals(vertices: Floats, faces: Integers) -> NDArray[np.float64]:
     """Normals at the vertices: those of the faces around, weighted by the angle there.
 
     G. Thürmer and C. A. Wüthrich, "Computing vertex normals from polygonal facets", Journal of
     Graphics Tools 3(1), 1998. A vertex of no face, or of faces that cancel, gets (1, 0, 0).
     """
-    corners = [np.asarray(vertices, np.float64)[faces[:, i]] for i in range(3)]
-    edges = [corners[(i + 1) % 3] - corners[i] for i in range(3)]
-    normal = np.cross(edges[0], edges[1])
-    area = np.sqrt(np.einsum("fi,fi->f", normal, normal))  # of the parallelogram at any corner
-    flat = area == 0.0
-    normal /= np.where(flat, 1.0, area)[:, None]
-    weighted = np.empty((3, 3, len(faces)))  # axis, corner, face
-    for i in range(3):
-        angle = np.arctan2(area, -np.einsum("fi,fi->f", edges[i], edges[i - 1]))
-        angle[flat] = 0.0
-        np.multiply(normal.T, angle, out=weighted[:, i])
+    edges = _edges(vertices, faces)
+    normals, area = _unit_normals(edges)  # the sine of each corner's angle times its two edges
+    angles = [np.arctan2(area, -_dot(edges[i], edges[i - 1])) for i in range(3)]
     at = faces.T.ravel()
     total = np.stack(
-        [np.bincount(at, values.ravel(), minlength=len(vertices)) for values in weighted], axis=1
+        [
+            np.bincount(at, np.concatenate([axis * a for a in angles]), minlength=len(vertices))
+            for axis in normals
+        ],
+        axis=1,
     )
     length = np.linalg.norm(total, axis=1, keepdims=True)
     lost = length[:, 0] < 1e-12
@@ -127,33 +153,38 @@ def split_at_creases(
     """Faces over vertices of which each stands for one smooth part of the surface around it.
 
     Faces that share an edge belong to the same part where their normals differ by less than
-    `degrees`, and so do the neighbours of those. Returns the new (F, 3) faces and, for each new
-    vertex, the old one.
+    `degrees`, and so do the neighbours of those. A vertex around which all edges are smooth and
+    shared by two faces is one part. Returns the new (F, 3) faces and, for each new vertex, the old
+    one.
     """
-    a, b, c = (np.asarray(vertices, np.float64)[faces[:, i]] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    length = np.sqrt(np.einsum("fi,fi->f", normals, normals))
-    normals /= np.where(length == 0.0, 1.0, length)[:, None]
+    normals, _ = _unit_normals(_edges(vertices, faces))
     # A half edge has the number of the corner where it begins. Those that run between the same two
     # vertices, one after the other; of more than two, as where three sheets meet, neighbours in
     # this order.
-    count = faces.size
-    begin, after = faces.ravel(), np.roll(np.arange(count).reshape(-1, 3), -1, axis=1).ravel()
-    end = begin[after]
-    key = np.minimum(begin, end) * len(vertices) + np.maximum(begin, end)
-    order, key = in_order(key)
+    begin, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    order, key = in_order(np.minimum(begin, end) * len(vertices) + np.maximum(begin, end))
     twin = np.flatnonzero(key[1:] == key[:-1])
     one, other = order[twin], order[twin + 1]
-    flat = np.einsum("ei,ei->e", normals[one // 3], normals[other // 3])
+    flat = _dot([axis[one // 3] for axis in normals], [axis[other // 3] for axis in normals])
     smooth = flat > np.cos(np.radians(degrees))
     one, other = one[smooth], other[smooth]
+
+    shared = np.bincount(one, minlength=faces.size) + np.bincount(other, minlength=faces.size)
+    edge = np.flatnonzero(shared != 1)  # sharp, open, or of more than two faces
+    rough = np.zeros(len(vertices), np.bool_)
+    rough[begin[edge]] = rough[end[edge]] = True
+    near = rough[begin[one]] | rough[end[one]]
+    one, other = one[near], other[near]
     # The corners at both ends of such an edge are one vertex.
     along = begin[one] == begin[other]
-    left = np.concatenate([one, after[one]])
-    right = np.concatenate(
-        [np.where(along, other, after[other]), np.where(along, after[other], other)]
-    )
-    label = np.arange(count)
+    next_one, next_other = (h + 1 - 3 * (h % 3 == 2) for h in (one, other))
+    left = np.concatenate([one, next_one])
+    right = np.concatenate([np.where(along, other, next_other), np.where(along, next_other, other)])
+    inside = rough[begin[left]]
+    # From here on only corners at rough vertices, by their places among these
+    corners = np.flatnonzero(rough[begin])
+    left, right = (np.searchsorted(corners, side[inside]) for side in (left, right))
+    label = np.arange(len(corners))
     while True:
         first, second = label[left], label[right]
         apart = first != second
@@ -165,5 +196,17 @@ def split_at_creases(
         np.minimum.at(label, second, least)
         while not np.array_equal(lower := label[label], label):
             label = lower
-    own = label == np.arange(count)
-    return (np.cumsum(own) - 1)[label].reshape(-1, 3), begin[own].astype(np.int64)
+    # The part that comes first keeps the vertex's number.
+    parts = np.flatnonzero(label == np.arange(len(corners)))
+    vertex = begin[corners[parts]]
+    kept = np.zeros(len(parts), np.bool_)
+    kept[distinct(vertex)[1]] = True
+    number = np.where(kept, vertex, len(vertices) - 1 + np.cumsum(~kept))
+    chosen = begin.copy()
+    chosen[corners] = number[np.searchsorted(parts, label)]
+    old = np.concatenate([np.arange(len(vertices)), vertex[~kept]])
+    used = np.zeros(len(old), np.bool_)
+    used[chosen] = True
+    if not used.all():
+        chosen, old = (np.cumsum(used) - 1)[chosen], old[used]
+    return chosen.reshape(-1, 3), old
