@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from . import particles
+from .boxes import Box
 from .errors import SceneError
 from .io import LoadOptions, load
 from .io.mesh_file import colored, shaded
 from .io.meshes import MeshData, check_indices
-from .particles import Box, Labels, Particles, element_labels
+from .particles import Labels, Particles, element_labels
 from .scene import Curves, Cylinders, Disks, Instances, Mesh, Scene, Shape, Spheres
 from .studio import axis, dressed, framing
 
@@ -105,7 +106,8 @@ def _array(thing: Any, options: LoadOptions) -> _Made:
 
 def _ase(thing: Any, options: LoadOptions) -> _Made:
     cell = np.asarray(thing.get_cell()[:], np.float64)
-    box = Box(cell, np.zeros(3)) if np.linalg.matrix_rank(cell) == 3 else None
+    x, y, z = (bool(flag) for flag in thing.get_pbc())
+    box = Box(cell, np.zeros(3), (x, y, z)) if cell.any() else None
     found = Particles(
         _floats(thing.get_positions()),
         elements=Labels.of(thing.get_chemical_symbols()),
@@ -133,8 +135,41 @@ def _mdanalysis(thing: Any, options: LoadOptions) -> _Made:
         elements=elements,
         types=None if names is None else Labels.of(np.asarray(names).astype(str)),
         fields=_fields(fields, len(atoms)),
+        box=_triclinic(getattr(atoms, "dimensions", None)),
+        bonds=_bonds_within(atoms),
     )
     return _cloud(found, options, "atoms")
+
+
+def _triclinic(dimensions: Any) -> Box | None:
+    """The box of three edges and the angles between them in degrees, as MDAnalysis has it: a along
+    x, b in the xy plane.
+    """
+    if dimensions is None or not np.any(dimensions[:3]):
+        return None
+    a, b, c, *angles = np.asarray(dimensions, np.float64)
+    alpha, beta, gamma = np.cos(np.radians(angles))
+    sine = np.sqrt(1 - gamma**2)
+    y = (alpha - beta * gamma) / sine
+    z = np.sqrt(max(0.0, 1 - beta**2 - y**2))
+    vectors = [[a, 0, 0], [b * gamma, b * sine, 0], [c * beta, c * y, c * z]]
+    return Box(np.array(vectors), np.zeros(3))
+
+
+def _bonds_within(atoms: Any) -> Any:
+    """The bonds of MDAnalysis' atoms, of which both ends are among them, by their places; or None.
+
+    A topology without bonds raises an AttributeError.
+    """
+    bonds = getattr(atoms, "bonds", None)
+    if bonds is None or not len(bonds):
+        return None
+    pairs = np.asarray(bonds.indices if hasattr(bonds, "indices") else bonds)
+    own = np.asarray(atoms.indices)
+    places = np.full(max(int(own.max()), int(pairs.max())) + 1, -1)
+    places[own] = np.arange(len(own))
+    pairs = places[pairs]
+    return pairs[(pairs >= 0).all(axis=1)]
 
 
 def _pyvista(thing: Any, options: LoadOptions) -> _Made:

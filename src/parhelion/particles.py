@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import elements
+from .bonds import NEAREST, TOLERANCE, Indices, by_distance, sticks
+from .boxes import Box
 from .errors import SceneError, unknown_name
-from .scene import Material, Scene, Spheres
+from .scene import Material, Scene, Solid, Spheres
 from .spectra import decode_srgb
 from .studio import framing
 
@@ -88,21 +90,15 @@ def element_labels(labels: Labels) -> Labels | None:
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
-    """A simulation box: its edges a, b, c as the rows of (3, 3) `vectors`, and its (3,) corner."""
-
-    vectors: Floats
-    origin: Floats
-
-
-@dataclass(frozen=True, eq=False)
 class Particles:
     """N particles as arrays, N > 0. Units are the data's own, angstrom where elements are known.
 
     positions: (N, 3). elements: their symbols, "X" for a dummy. types: any other sort of kind.
     radii: (N,). colors: (N, 3) linear RGB. fields: by name, (N,) or (N, M) numbers, or Labels.
-    None stands for what is not known. Raises SceneError for arrays whose lengths differ, a
-    position that is not finite and a radius that is not positive, naming the particle, from 0.
+    bonds: (B, 2) indices of particles, from 0; bonds_complete: False if distances tell of the bonds
+    of particles that have none of these. None stands for what is not known.
+    Raises SceneError for arrays whose lengths differ, a position that is not finite, a radius that
+    is not positive and a bond of a particle that is not there, naming the particle or bond, from 0.
     """
 
     positions: Floats
@@ -112,6 +108,8 @@ class Particles:
     colors: Floats | None = None
     fields: Mapping[str, NDArray[Any] | Labels] = field(default_factory=dict)
     box: Box | None = None
+    bonds: NDArray[np.integer[Any]] | None = None
+    bonds_complete: bool = True
 
     def __post_init__(self) -> None:
         """Checks what a scene needs; see the class."""
@@ -140,6 +138,8 @@ class Particles:
             _check_radii(self.radii)
         if self.colors is not None:
             _check(self.colors, lambda c: (c >= 0) & (c <= 1), "colour {} is not within [0, 1]")
+        if self.bonds is not None:
+            _check_bonds(self.bonds, len(self.positions))
 
 
 def _check(values: Floats, good: Callable[[Floats], NDArray[np.bool_]], text: str) -> None:
@@ -159,8 +159,31 @@ def _check_radii(radii: Floats) -> None:
     )
 
 
+def _check_bonds(bonds: NDArray[np.integer[Any]], count: int) -> None:
+    if bonds.ndim != 2 or bonds.shape[1] != 2 or bonds.dtype.kind not in "iu":
+        raise SceneError(
+            f"bonds are {bonds.dtype} of shape {bonds.shape}, not (B, 2) indices of particles"
+        )
+    good = (bonds >= 0) & (bonds < count)
+    if not good.all():
+        bond, end = np.argwhere(~good)[0].tolist()
+        raise SceneError(
+            f"bond {bond} is of particle {bonds[bond, end]}; there are particles 0 to {count - 1}"
+        )
+
+
 # What to_scene, and the readers of files, ask of LoadOptions
-OPTIONS = ("color_by", "colormap", "color_range", "radius", "frame")
+OPTIONS = ("color_by", "colormap", "color_range", "radius", "style", "bond_length", "frame")
+
+# How particles are drawn; the last two show bonds.
+STYLES = ("spheres", "ball-and-stick", "licorice")
+# The balls of ball-and-stick, as a share of the spheres: the usual quarter of van der Waals radii,
+# and half of those with which neighbours touch.
+_BALLS = {"vdw": 0.25, "covalent": 0.5}
+_BALL = 0.5
+# The sticks, as a share of the median ball: 0.15 and 0.25 angstrom among carbons
+_STICK = 0.35
+_LICORICE = 0.6
 
 
 def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
@@ -170,46 +193,72 @@ def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
     """
     if options.color_by is None and (options.color_range or options.colormap != "viridis"):
         raise SceneError("a colour map or its range needs a field to colour by")
+    if options.style not in STYLES:
+        raise SceneError(unknown_name("style", options.style, STYLES))
+    if options.style == "spheres" and options.bond_length is not None:
+        raise SceneError("bond_length needs a style with bonds: ball-and-stick or licorice")
     with np.errstate(over="ignore"):
-        radii = _radii(particles, options.radius)
+        radii, stick = _radii(particles, options.radius, options.style)
         colors = _colors(particles, options)
     # two-dimensional systems are looked at from straight above
     flat = np.ptp(particles.positions, axis=0)
     view = "top" if flat[2] == 0 and flat.max() > 0 else "default"
-    shape = Spheres(particles.positions, radii, Material("diffuse"), colors, "particles")
-    return Scene([shape], camera=framing((0.0, 0.0, 1.0), view), background=None, name=name)
+    shapes: list[Solid] = [
+        Spheres(particles.positions, radii, Material("diffuse"), colors, "particles")
+    ]
+    if options.style != "spheres":
+        shapes += sticks(particles.positions, *_bonds(particles, options), colors, stick)
+    return Scene(shapes, camera=framing((0.0, 0.0, 1.0), view), background=None, name=name)
 
 
 # ---------------------------------------------------------------------------------------------
 # Radii
 
 
-def _radii(particles: Particles, wanted: float | str | None) -> Floats:
-    """(N,) radii: the user's, the file's, the elements', or half the distance of neighbours."""
-    tables = {"vdw": elements.VDW_RADII, "covalent": elements.COVALENT_RADII}
+def _radii(particles: Particles, wanted: float | str | None, style: str) -> tuple[Floats, float]:
+    """(N,) radii: the user's, the file's, the elements', or half the distance of neighbours; and
+    that of sticks. Styles with bonds shrink all but a number that the user gives.
+    """
     count = len(particles.positions)
-    if wanted is None:
-        if particles.radii is not None:
-            return particles.radii
-        if particles.elements is None:
-            radius = 0.5 * neighbour_distance(particles.positions)
-            return np.full(count, radius, np.float32)
+    if wanted is None and particles.radii is None and particles.elements is not None:
         others = particles.elements.each(~elements.MOLECULAR[_numbers(particles.elements)])
         wanted = "covalent" if np.mean(others) > 0.25 else "vdw"
+    tables = {"vdw": elements.VDW_RADII, "covalent": elements.COVALENT_RADII}
+    share = _BALL
     if wanted in tables:
         if particles.elements is None:
             raise SceneError(
                 f"radius {wanted!r} needs elements, which are not known; give a number"
             )
         table = tables[str(wanted)].astype(np.float32)
-        return particles.elements.each(table[_numbers(particles.elements)])
-    try:
-        radius = float(wanted)
-    except ValueError:
-        raise SceneError(f"{unknown_name('radius', wanted, tables)}, or a number") from None
-    if not 1e-37 < radius <= FARTHEST:
-        raise SceneError(f"radius {wanted} is not a positive number of single precision")
-    return np.full(count, radius, np.float32)
+        radii: Floats = particles.elements.each(table[_numbers(particles.elements)])
+        share = _BALLS[str(wanted)]
+    elif wanted is not None:
+        try:
+            number = float(wanted)
+        except ValueError:
+            raise SceneError(f"{unknown_name('radius', wanted, tables)}, or a number") from None
+        radii, share = np.full(count, _positive("radius", number), np.float32), 1.0
+    elif particles.radii is not None:
+        radii = particles.radii
+    else:
+        radii = np.full(count, 0.5 * neighbour_distance(particles.positions), np.float32)
+    if style == "spheres":
+        return radii, 0.0
+    balls = share * radii
+    middle = float(np.median(balls))
+    if style == "licorice":
+        stick = middle if share == 1.0 else _LICORICE * middle
+        return np.full(count, stick, np.float32), stick
+    # a ball hides the ends of its sticks
+    return np.maximum(balls, _STICK * middle), _STICK * middle
+
+
+def _positive(what: str, value: float) -> float:
+    """A length that the user gave. Raises SceneError."""
+    if not (isinstance(value, (int, float)) and 1e-37 < value <= FARTHEST):
+        raise SceneError(f"{what} {value!r} is not a positive number of single precision")
+    return value
 
 
 def _numbers(labels: Labels) -> NDArray[np.intp]:
@@ -250,6 +299,41 @@ def neighbour_distance(positions: Floats) -> float:
     found = np.concatenate(distances)
     found = found[np.isfinite(found)]
     return float(np.median(found)) if len(found) else 1.0
+
+
+# ---------------------------------------------------------------------------------------------
+# Bonds
+
+
+def _bonds(particles: Particles, options: LoadOptions) -> tuple[Indices, Floats]:
+    """(B, 2) pairs and the way from the first to the second of each, (B, 3): all that are nearer
+    than the user says; else the file's, and what the elements' covalent radii tell.
+    """
+    positions, box = particles.positions, particles.box
+    count = len(positions)
+    if options.bond_length is not None:
+        length = _positive("bond_length", options.bond_length)
+        return by_distance(positions, np.full(count, 0.5 * length), 0.0, box)
+    pairs, ways = np.empty((0, 2), np.intp), np.empty((0, 3))
+    if particles.bonds is not None:
+        pairs = particles.bonds.astype(np.intp)
+        ways = np.subtract(positions[pairs[:, 1]], positions[pairs[:, 0]], dtype=np.float64)
+        if box is not None:
+            ways = box.shortest(ways)
+        if particles.bonds_complete:
+            return pairs, ways
+    if particles.elements is None:
+        raise SceneError(
+            f"style {options.style!r} needs bonds: there are none, and no elements that tell of"
+            " them; give bond_length"
+        )
+    numbers = particles.elements.each(_numbers(particles.elements))
+    reach = np.where(numbers > 0, elements.COVALENT_RADII[numbers] + 0.5 * TOLERANCE, 0.0)
+    more, more_ways = by_distance(positions, reach, NEAREST, box)
+    known = np.zeros(count, bool)
+    known[pairs.reshape(-1)] = True
+    new = ~known[more].all(axis=1)
+    return np.concatenate([pairs, more[new]]), np.concatenate([ways, more_ways[new]])
 
 
 # ---------------------------------------------------------------------------------------------

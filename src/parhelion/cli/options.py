@@ -76,6 +76,18 @@ def add_loading(parser: argparse.ArgumentParser) -> None:
         "--radius", type=_radius, metavar="R", help="of all particles: a number, vdw or covalent"
     )
     group.add_argument(
+        "--style",
+        default="spheres",
+        metavar="STYLE",
+        help="spheres, or with bonds: ball-and-stick or licorice",
+    )
+    group.add_argument(
+        "--bond-length",
+        type=float,
+        metavar="L",
+        help="particles nearer to each other are bonded; default: the file's bonds, or by element",
+    )
+    group.add_argument(
         "--frame",
         type=int,
         default=0,
@@ -103,6 +115,8 @@ def load_options(args: argparse.Namespace) -> LoadOptions:
         radius=args.radius,
         ground=args.ground,
         frame=args.frame,
+        style=args.style,
+        bond_length=args.bond_length,
         defines=dict(args.defines),
         strict=args.strict,
         allow_paths=tuple(args.allow_paths),

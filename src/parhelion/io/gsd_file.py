@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import particles
+from ..boxes import Box
 from ..errors import FormatError, SceneError
-from ..particles import Box, Labels, Particles, to_scene
+from ..particles import Labels, Particles, to_scene
 from ..scene import Scene
 from . import LoadOptions
 from .text import errors_name, frame_index
@@ -93,7 +94,8 @@ def _particles(file: Any, frame: int) -> Particles:
     radii = 0.5 * diameters if isinstance(diameters, np.ndarray) else None
     ids, types = chunk("particles/typeid"), chunk("particles/types")
     labels = _labels(ids if ids is not None else np.zeros(count, np.uint32), types)
-    return Particles(positions, None, labels, radii, None, fields, _box(chunk("configuration/box")))
+    box = _box(chunk("configuration/box"))
+    return Particles(positions, None, labels, radii, None, fields, box, chunk("bonds/group"))
 
 
 def _labels(ids: NDArray[Any], types: NDArray[Any] | None) -> Labels:

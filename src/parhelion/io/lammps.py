@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import particles
+from ..boxes import Box
 from ..errors import SceneError
-from ..particles import Box, Labels, Particles, element_labels, to_scene
+from ..particles import Labels, Particles, element_labels, to_scene
 from ..scene import Scene
 from . import LoadOptions
 from .text import Table, TextFile, errors_name, is_number
@@ -98,7 +99,12 @@ def _header(file: TextFile) -> tuple[int, Box | None, list[str]] | None:
 
 
 def _box(file: TextFile, item: str) -> Box:
-    """The box from three lines: lo hi, or lo hi tilt, or a vector and a part of the origin."""
+    """The box from three lines: lo hi, or lo hi tilt, or a vector and a part of the origin.
+
+    The item may end in the axes' boundary conditions, of which "pp" is periodic.
+    """
+    ends = re.search(r"(?:\s+([pfsm]{2})){3}$", item)
+    x, y, z = (flag == "pp" for flag in (ends.group().split() if ends else ["pp"] * 3))
     general = "abc origin" in item
     triclinic = not general and item.split()[2:5] == ["xy", "xz", "yz"]
     size = 4 if general else 3 if triclinic else 2
@@ -114,7 +120,7 @@ def _box(file: TextFile, item: str) -> Box:
     if not np.isfinite(values).all():
         raise file.error("the box is not finite")
     if general:
-        return Box(values[:, :3], values[:, 3])
+        return Box(values[:, :3], values[:, 3], (x, y, z))
     low, high = values[:, 0].copy(), values[:, 1].copy()
     xy, xz, yz = values[:, 2] if triclinic else (0.0, 0.0, 0.0)
     # what the file bounds is the box that is straight and holds the tilted one
@@ -126,7 +132,7 @@ def _box(file: TextFile, item: str) -> Box:
         raise file.error("the box ends before it begins")
     vectors = np.diag(high - low)
     vectors[1, 0], vectors[2, 0], vectors[2, 1] = xy, xz, yz
-    return Box(vectors, low)
+    return Box(vectors, low, (x, y, z))
 
 
 def _axes(file: TextFile, names: list[str], text: list[int]) -> tuple[str, str, str]:

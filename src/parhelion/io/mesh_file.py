@@ -66,7 +66,9 @@ def colored(data: MeshData, options: LoadOptions) -> MeshData:
 
     Raises SceneError for a field that it does not have, and for options that are for particles.
     """
-    for name in ("radius", "frame"):
+    for name in particles.OPTIONS:
+        if name in ("color_by", "colormap", "color_range"):
+            continue
         if getattr(options, name) != getattr(LoadOptions(), name):
             raise SceneError(f"the option {name!r} is for particles; this is a mesh")
     if options.color_by is None:

@@ -2,7 +2,8 @@
 
 Keys: positions (N, 3); and, if there, radii, (N,) or one number; colors (N, 3), linear RGB, or
 sRGB if of 8 bits; elements, (N,) symbols; types, (N,) strings or numbers; box (3, 3), its edges
-in rows, or (3,); origin (3,). Any other array of N numbers or strings, or of N rows of numbers,
+in rows, or (3,); origin (3,); periodic (3,), of the box's edges; bonds (B, 2) indices of particles,
+from 0. Any other array of N numbers or strings, or of N rows of numbers,
 is a field. Nothing else is read.
 """
 
@@ -21,8 +22,9 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from .. import particles
+from ..boxes import Box
 from ..errors import SceneError
-from ..particles import Box, Labels, Particles, element_labels, linear, to_scene
+from ..particles import Labels, Particles, element_labels, linear, to_scene
 from ..scene import Scene
 from . import LoadOptions
 from .text import errors_name, frame_index
@@ -46,6 +48,8 @@ _KEYS = {
     "types": ("type",),
     "box": (),
     "origin": (),
+    "periodic": (),
+    "bonds": (),
 }
 
 _READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
@@ -151,6 +155,8 @@ def _particles(arrays: dict[str, NDArray[Any]]) -> Particles:
         colors = linear(colors) if colors.dtype == np.uint8 else _floats(colors)
     box = take("box", (3, 3), (3,))
     origin = take("origin", (3,))
+    periodic = take("periodic", (3,))
+    bonds = arrays.pop("bonds", None)
     symbols = species = _labels(arrays, "elements")
     types = _labels(arrays, "types")
     if species is not None:
@@ -170,7 +176,8 @@ def _particles(arrays: dict[str, NDArray[Any]]) -> Particles:
         None if radii is None else np.broadcast_to(_floats(radii), count),
         colors,
         fields,
-        None if box is None else _box(box, origin),
+        None if box is None else _box(box, origin, periodic),
+        bonds,
     )
 
 
@@ -196,9 +203,10 @@ def _labels(arrays: dict[str, NDArray[Any]], key: str) -> Labels | None:
     return Labels.of(_text(array))
 
 
-def _box(edges: NDArray[Any], origin: NDArray[Any] | None) -> Box:
+def _box(edges: NDArray[Any], origin: NDArray[Any] | None, periodic: NDArray[Any] | None) -> Box:
     vectors = np.diag(edges) if edges.ndim == 1 else edges
     corner = np.zeros(3) if origin is None else origin
     if not (np.isfinite(vectors).all() and np.isfinite(corner).all()):
         raise SceneError("box or origin is not finite")
-    return Box(vectors.astype(np.float64), corner.astype(np.float64))
+    x, y, z = (True, True, True) if periodic is None else periodic.astype(bool).tolist()
+    return Box(vectors.astype(np.float64), corner.astype(np.float64), (x, y, z))

@@ -2,8 +2,9 @@
 
 A frame is a line with the number of atoms, a line of comment, and a line for each atom: a label
 and three coordinates, and maybe more columns. In extended XYZ the comment has key=value pairs;
-Lattice="ax ay az bx by bz cx cy cz" is the box and Properties=species:S:1:pos:R:3:... names the
-columns (name, R real, I integer, S string or L logical, number of columns).
+Lattice="ax ay az bx by bz cx cy cz" is the box, pbc="T T F" along which edges it is repeated, and
+Properties=species:S:1:pos:R:3:... names the columns (name, R real, I integer, S string or L
+logical, number of columns).
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import elements, particles
+from ..boxes import Box
 from ..errors import SceneError
-from ..particles import Box, Labels, Particles, element_labels, linear, to_scene
+from ..particles import Labels, Particles, element_labels, linear, to_scene
 from ..scene import Scene
 from . import LoadOptions
 from .text import Table, TextFile, errors_name, is_number
@@ -127,7 +129,12 @@ def _box(file: TextFile, pairs: dict[str, str]) -> Box | None:
     origin = pairs.get("origin", "0 0 0").replace(",", " ").split()
     if len(words) != 9 or len(origin) != 3 or not all(map(is_number, words + origin)):
         raise file.error(f"Lattice={pairs['lattice'][:60]!r} is not 9 numbers, or Origin not 3")
-    return Box(np.array(words, np.float64).reshape(3, 3), np.array(origin, np.float64))
+    flags = pairs.get("pbc", "T T T").replace(",", " ").split()
+    if len(flags) != 3 or not all(re.fullmatch("[TtFf10]|true|false", f, re.I) for f in flags):
+        raise file.error(f"pbc={pairs['pbc'][:60]!r} is not three of T and F")
+    x, y, z = (flag[0] in "Tt1" for flag in flags)
+    vectors = np.array(words, np.float64).reshape(3, 3)
+    return Box(vectors, np.array(origin, np.float64), (x, y, z))
 
 
 def _particles(table: Table, columns: list[tuple[str, str, int]], box: Box | None) -> Particles:
