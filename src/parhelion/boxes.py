@@ -10,11 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import SceneError
+from .scene import Cylinders, Material, Solid, Spheres
 
 Floats = NDArray[np.floating[Any]]
 
 # A box whose volume is less than this share of its edges' product is flat.
 _FLAT = 1e-9
+# A drawn box: the radius of its edges as a share of their mean length, and their grey.
+_EDGE = 0.0035
+_EDGE_ALBEDO = 0.08
+# Particles this near to a face, as a share of the box, lie on it, so that those of a crystal do not
+# come out on one face or its opposite by rounding; single precision has some 1e-7.
+_ON_FACE = 1e-6
 # Steps after which the search for shorter edges ends; simulations' boxes need a few.
 _MOST_STEPS = 1000
 
@@ -47,9 +54,15 @@ class Box:
         return np.asarray(found)
 
     def wrapped(self, positions: Floats) -> NDArray[np.float64]:
-        """The positions, (N, 3), each moved into the box along the edges that are repeated."""
+        """The positions, (N, 3), each moved into the box along the edges that are repeated.
+
+        Raises SceneError if none is.
+        """
         lattice = self.lattice()
-        return positions - np.floor((positions - self.origin) @ _dual(lattice)) @ lattice
+        if not len(lattice):
+            raise SceneError("the box is not periodic; there is nothing to wrap")
+        places = (positions - self.origin) @ _dual(lattice)
+        return positions - np.floor(places + _ON_FACE) @ lattice
 
     def shortest(self, differences: Floats) -> NDArray[np.float64]:
         """(N, 3) differences of positions, each between the nearest two copies."""
@@ -64,6 +77,34 @@ class Box:
             best[nearer] = other[nearer]
             squares = np.minimum(squares, np.sum(best**2, axis=1))
         return best
+
+
+def outline(box: Box) -> list[Solid]:
+    """The twelve edges as tubes, those of no length left out, and spheres where they meet.
+
+    Raises SceneError for a box that is not finite, or all of whose edges have no length.
+    """
+    edges, origin = np.asarray(box.vectors, np.float64), np.asarray(box.origin, np.float64)
+    if not (np.isfinite(edges).all() and np.isfinite(origin).all()):
+        raise SceneError("the box is not finite")
+    lengths = np.linalg.norm(edges, axis=1)
+    if not lengths.any():
+        raise SceneError("the box has no extent")
+    steps = np.array(list(product((0.0, 1.0), repeat=3)))
+    starts, ends = [], []
+    for axis in np.flatnonzero(lengths):
+        low = steps[steps[:, axis] == 0]
+        starts.append(origin + low @ edges)
+        ends.append(origin + low @ edges + edges[axis])
+    radius = _EDGE * float(lengths[lengths > 0].mean())
+    material = Material("diffuse", color=(_EDGE_ALBEDO,) * 3)
+    corners = np.unique(origin + steps @ edges, axis=0)
+    return [
+        Cylinders(
+            np.concatenate(starts), np.concatenate(ends), radius, None, material, None, "box"
+        ),
+        Spheres(corners, radius, material, None, "box"),
+    ]
 
 
 def widths(lattice: Floats) -> NDArray[np.float64]:

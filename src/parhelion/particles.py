@@ -9,7 +9,7 @@ The frame of the data is kept, right-handed, with z up.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import elements
 from .bonds import NEAREST, TOLERANCE, Indices, by_distance, sticks
-from .boxes import Box
+from .boxes import Box, outline
 from .errors import SceneError, unknown_name
 from .scene import Material, Scene, Solid, Spheres
 from .spectra import decode_srgb
@@ -173,7 +173,9 @@ def _check_bonds(bonds: NDArray[np.integer[Any]], count: int) -> None:
 
 
 # What to_scene, and the readers of files, ask of LoadOptions
-OPTIONS = ("color_by", "colormap", "color_range", "radius", "style", "bond_length", "frame")
+OPTIONS = (
+    "color_by", "colormap", "color_range", "radius", "style", "bond_length", "box", "wrap", "frame",
+)  # fmt: skip
 
 # How particles are drawn; the last two show bonds.
 STYLES = ("spheres", "ball-and-stick", "licorice")
@@ -197,6 +199,10 @@ def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
         raise SceneError(unknown_name("style", options.style, STYLES))
     if options.style == "spheres" and options.bond_length is not None:
         raise SceneError("bond_length needs a style with bonds: ball-and-stick or licorice")
+    if particles.box is None and (options.box or options.wrap):
+        raise SceneError("there is no box to draw, or to wrap particles into")
+    if particles.box is not None and options.wrap:
+        particles = replace(particles, positions=particles.box.wrapped(particles.positions))
     with np.errstate(over="ignore"):
         radii, stick = _radii(particles, options.radius, options.style)
         colors = _colors(particles, options)
@@ -208,6 +214,8 @@ def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
     ]
     if options.style != "spheres":
         shapes += sticks(particles.positions, *_bonds(particles, options), colors, stick)
+    if particles.box is not None and options.box:
+        shapes += outline(particles.box)
     return Scene(shapes, camera=framing((0.0, 0.0, 1.0), view), background=None, name=name)
 
 

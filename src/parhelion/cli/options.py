@@ -87,6 +87,10 @@ def add_loading(parser: argparse.ArgumentParser) -> None:
         metavar="L",
         help="particles nearer to each other are bonded; default: the file's bonds, or by element",
     )
+    group.add_argument("--box", action="store_true", help="draw the simulation box")
+    group.add_argument(
+        "--wrap", action="store_true", help="move particles into the box, where it is periodic"
+    )
     group.add_argument(
         "--frame",
         type=int,
@@ -117,6 +121,8 @@ def load_options(args: argparse.Namespace) -> LoadOptions:
         frame=args.frame,
         style=args.style,
         bond_length=args.bond_length,
+        box=args.box,
+        wrap=args.wrap,
         defines=dict(args.defines),
         strict=args.strict,
         allow_paths=tuple(args.allow_paths),

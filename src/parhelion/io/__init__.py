@@ -76,7 +76,8 @@ class LoadOptions:
     radius: one radius for all particles, "vdw" or "covalent"; None for the loader's choice. frame:
     of a trajectory, from 0; negative counts from the end; of USD, the time code.
     style: of particles, "spheres", "ball-and-stick" or "licorice". bond_length: particles nearer to
-    each other are bonded; None for the file's bonds, or by covalent radii.
+    each other are bonded; None for the file's bonds, or by covalent radii. box: the
+    simulation box is drawn. wrap: particles are moved into it where it is periodic.
     defines: values of a scene's own parameters by name (Mitsuba's `-D name=value`). strict: what a
     scene asks for and is not supported is an error, not a warning. allow_paths: folders, besides
     the scene file's own, that its files may lie in.
@@ -96,6 +97,8 @@ class LoadOptions:
     frame: int = 0
     style: str = "spheres"
     bond_length: float | None = None
+    box: bool = False
+    wrap: bool = False
     defines: Mapping[str, str] = field(default_factory=dict)
     strict: bool = False
     allow_paths: tuple[str, ...] = ()
