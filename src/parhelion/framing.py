@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from math import isfinite, radians, sqrt, tan
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.floating[Any]]
+
+# Directions to the corners, edges and faces of a cube, as far as makes a polyhedron around the unit
+# sphere of them; its corners are 13 % farther out.
+_AROUND = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+_AROUND *= 1.1281 / np.linalg.norm(_AROUND, axis=1, keepdims=True)
+# Points of copies of shapes that are looked at one by one
+_MOST_POINTS = 10_000_000
 
 
 def placed(scene: Scene, aspect: float) -> Camera:
@@ -94,18 +102,40 @@ def hull(shape: Shape) -> Iterator[tuple[Array, Array]]:
     elif isinstance(shape, Curves):
         yield np.asarray(shape.points, dtype=np.float64), np.asarray(shape.radii, np.float64)
     else:
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        for part in shape.shapes:
-            for centers, radii in hull(part):
-                low = np.minimum(low, np.min(centers - radii[..., None], axis=0, initial=np.inf))
-                high = np.maximum(high, np.max(centers + radii[..., None], axis=0, initial=-np.inf))
-        if np.all(np.isfinite(high - low)):
-            corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
-            matrices = np.asarray(shape.transforms, dtype=np.float64)[:, :3]
-            placed_corners = (
-                corners @ matrices[:, :, :3].transpose(0, 2, 1) + matrices[:, None, :, 3]
-            )
-            yield placed_corners.reshape(-1, 3), np.float64(0.0)
+        matrices = np.asarray(shape.transforms, dtype=np.float64)[:, :3]
+        parts = [piece for part in shape.shapes for piece in hull(part) if piece[0].size]
+        if sum(len(centers) for centers, _ in parts) * len(matrices) * len(_AROUND) > _MOST_POINTS:
+            parts = [_corners(parts)]
+        for centers, radii in parts:
+            yield _copies(centers, radii, matrices)
+
+
+def _corners(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """The corners of the box that holds spheres."""
+    low = np.min([np.min(c - r[..., None], axis=0) for c, r in parts], axis=0)
+    high = np.max([np.max(c + r[..., None], axis=0) for c, r in parts], axis=0)
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+    return corners, np.float64(0.0)
+
+
+def _copies(centers: Array, radii: Array, matrices: Array) -> tuple[Array, Array]:
+    """Spheres that hold copies of spheres, by (M, 3, 4) matrices.
+
+    What is neither turned nor scaled evenly becomes an ellipsoid, held by the corners of a
+    polyhedron.
+    """
+    turns = matrices[:, :, :3].transpose(0, 2, 1)
+    scales = np.linalg.norm(turns, axis=2)
+    squares = scales[:, :1, None] ** 2
+    off = turns @ turns.transpose(0, 2, 1) - squares * np.eye(3)
+    even = not np.any(radii) or bool((np.abs(off) <= 1e-6 * squares).all())
+    if not even:
+        sizes = np.broadcast_to(radii, len(centers))[:, None, None]
+        centers = (centers[:, None] + sizes * _AROUND).reshape(-1, 3)
+        radii = np.float64(0.0)
+    placed_centers = centers @ turns + matrices[:, None, :, 3]
+    sizes = np.broadcast_to(radii * scales[:, :1], placed_centers.shape[:2])
+    return placed_centers.reshape(-1, 3), sizes.reshape(-1)
 
 
 def bounds(scene: Scene) -> tuple[Array, Array]:

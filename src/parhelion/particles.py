@@ -19,7 +19,8 @@ from . import elements
 from .bonds import NEAREST, TOLERANCE, Indices, by_distance, sticks
 from .boxes import Box, outline
 from .errors import SceneError, unknown_name
-from .scene import Material, Scene, Solid, Spheres
+from .glyphs import Glyphs, drawn
+from .scene import Material, Scene, Shape, Spheres
 from .spectra import decode_srgb
 from .studio import framing
 
@@ -96,7 +97,8 @@ class Particles:
     positions: (N, 3). elements: their symbols, "X" for a dummy. types: any other sort of kind.
     radii: (N,). colors: (N, 3) linear RGB. fields: by name, (N,) or (N, M) numbers, or Labels.
     bonds: (B, 2) indices of particles, from 0; bonds_complete: False if distances tell of the bonds
-    of particles that have none of these. None stands for what is not known.
+    of particles that have none of these. glyphs: what particles are instead of spheres. None stands
+    for what is not known.
     Raises SceneError for arrays whose lengths differ, a position that is not finite, a radius that
     is not positive and a bond of a particle that is not there, naming the particle or bond, from 0.
     """
@@ -110,6 +112,7 @@ class Particles:
     box: Box | None = None
     bonds: NDArray[np.integer[Any]] | None = None
     bonds_complete: bool = True
+    glyphs: Glyphs | None = None
 
     def __post_init__(self) -> None:
         """Checks what a scene needs; see the class."""
@@ -128,6 +131,7 @@ class Particles:
             "types": self.types,
             "radii": self.radii,
             "colors": self.colors,
+            "glyphs": None if self.glyphs is None else self.glyphs.codes,
             **{f"field {name!r}": values for name, values in self.fields.items()},
         }
         for name, values in lengths.items():
@@ -209,9 +213,16 @@ def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
     # two-dimensional systems are looked at from straight above
     flat = np.ptp(particles.positions, axis=0)
     view = "top" if flat[2] == 0 and flat.max() > 0 else "default"
-    shapes: list[Solid] = [
-        Spheres(particles.positions, radii, Material("diffuse"), colors, "particles")
-    ]
+    shapes: list[Shape] = []
+    places, chosen = particles.positions, np.ones(len(radii), bool)
+    if particles.glyphs is not None:
+        shapes += drawn(particles.glyphs, places, colors)
+        chosen = particles.glyphs.spheres()
+    if chosen.all():
+        shapes.append(Spheres(places, radii, Material("diffuse"), colors, "particles"))
+    elif chosen.any():
+        some = places[chosen], radii[chosen]
+        shapes.append(Spheres(*some, Material("diffuse"), colors[chosen], "particles"))
     if options.style != "spheres":
         shapes += sticks(particles.positions, *_bonds(particles, options), colors, stick)
     if particles.box is not None and options.box:

@@ -5,10 +5,12 @@ one by one, so that only what a picture needs is read, and one frame at a time.
 
 HOOMD has no unit of length and its types have any names, so that a type "C" is no carbon: types
 have colours of their own, and radii are from the diameters or from the distances of neighbours.
+Shapes of types are as in https://gsd.readthedocs.io/en/stable/shapes.html.
 """
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,9 @@ from numpy.typing import NDArray
 
 from .. import particles
 from ..boxes import Box
-from ..errors import FormatError, SceneError
-from ..particles import Labels, Particles, to_scene
+from ..errors import FormatError, SceneError, unknown_name
+from ..glyphs import Body, Glyphs, ball, faceted, polygon, polyhedron, union
+from ..particles import FARTHEST, Labels, Particles, to_scene
 from ..scene import Scene
 from . import LoadOptions
 from .text import errors_name, frame_index
@@ -35,7 +38,10 @@ _FIELDS = {
     "particles/diameter": "diameter",
     "particles/body": "body",
     "particles/velocity": "velocity",
+    "particles/orientation": "orientation",
 }
+
+_SHAPES = ("Sphere", "Ellipsoid", "ConvexPolyhedron", "Polygon", "Mesh", "SphereUnion")
 
 
 def load(path: Path, options: LoadOptions) -> Scene:
@@ -94,21 +100,84 @@ def _particles(file: Any, frame: int) -> Particles:
     radii = 0.5 * diameters if isinstance(diameters, np.ndarray) else None
     ids, types = chunk("particles/typeid"), chunk("particles/types")
     labels = _labels(ids if ids is not None else np.zeros(count, np.uint32), types)
-    box = _box(chunk("configuration/box"))
-    return Particles(positions, None, labels, radii, None, fields, box, chunk("bonds/group"))
+    box = _box(chunk("configuration/box"), chunk("configuration/dimensions"))
+    glyphs = None
+    shapes = chunk("particles/type_shapes")
+    if shapes is not None:
+        glyphs, given = _glyphs(_texts(shapes), labels, fields.get("orientation"))
+        if given.any():
+            radii = np.where(given > 0, given, 0.5 if radii is None else radii)
+    bonds = chunk("bonds/group")
+    return Particles(positions, None, labels, radii, None, fields, box, bonds, glyphs=glyphs)
+
+
+def _glyphs(
+    texts: list[str], types: Labels, turns: NDArray[Any] | Labels | None
+) -> tuple[Glyphs, NDArray[np.float64]]:
+    """What particles are drawn as, by the JSON texts of their types' shapes; and the radii, (N,),
+    of those that are spheres of a diameter, of others 0.
+    """
+    bodies: list[Body | None] = []
+    sizes, radii = np.ones((len(types.names), 3)), np.zeros(len(types.names))
+    for kind, name in enumerate(types.names):
+        text = texts[kind] if kind < len(texts) else ""
+        try:
+            shape = json.loads(text) if text else {}
+            if not isinstance(shape, dict):
+                raise SceneError("is not an object of JSON")
+            body, sizes[kind], radii[kind] = _body(shape)
+        except KeyError as error:
+            raise SceneError(f"particles/type_shapes of {name!r}: lacks {error}") from None
+        except (RecursionError, TypeError, ValueError) as error:
+            # SceneErrors are ValueErrors too
+            raise SceneError(f"particles/type_shapes of {name!r}: {str(error)[:200]}") from None
+        bodies.append(body)
+    if turns is not None and (isinstance(turns, Labels) or turns.shape[1:] != (4,)):
+        raise SceneError("particles/orientation is not (N, 4) numbers")
+    glyphs = Glyphs(bodies, types.codes, types.each(sizes), turns)
+    return glyphs, np.asarray(types.each(radii), np.float64)
+
+
+def _body(shape: dict[str, Any]) -> tuple[Body | None, Any, float]:
+    """Of a type: the body or None for a sphere, its sizes along three axes, the sphere's radius."""
+    kind, one = shape.get("type"), (1.0, 1.0, 1.0)
+    rounding = shape.get("rounding_radius", 0.0)
+    if kind is None:
+        return None, one, 0.0
+    if kind == "Sphere":
+        radius = 0.5 * float(shape["diameter"])
+        if not radius > 0:
+            raise SceneError(f"diameter {shape['diameter']} is not positive")
+        return None, one, radius
+    if kind == "Ellipsoid":
+        axes = [float(shape[key]) for key in "abc"]
+        if not all(0 < axis < FARTHEST for axis in axes):
+            raise SceneError(f"an axis of {axes} is not positive")
+        return ball(), axes, 0.0
+    if kind == "ConvexPolyhedron":
+        return polyhedron(shape["vertices"], rounding), one, 0.0
+    if kind == "Polygon":
+        return polygon(shape["vertices"], rounding), one, 0.0
+    if kind == "Mesh":
+        return faceted(shape["vertices"], shape["indices"]), one, 0.0
+    if kind == "SphereUnion":
+        return union(shape["centers"], 0.5 * np.asarray(shape["diameters"], float)), one, 0.0
+    raise SceneError(unknown_name("shape", str(kind), _SHAPES))
 
 
 def _labels(ids: NDArray[Any], types: NDArray[Any] | None) -> Labels:
     """The schema's default is one type, "A"; names are rows of bytes that end in zeros."""
-    names = ["A"]
-    if types is not None:
-        names = [row.tobytes().rstrip(b"\0").decode("utf-8") for row in np.atleast_2d(types)]
+    names = ["A"] if types is None else _texts(types)
     if ids.ndim != 1 or (len(ids) and int(ids.max()) >= len(names)):
         raise SceneError("particles/typeid has a type that particles/types does not name")
     return Labels(ids, tuple(names))
 
 
-def _box(box: NDArray[Any] | None) -> Box | None:
+def _texts(rows: NDArray[Any]) -> list[str]:
+    return [row.tobytes().rstrip(b"\0").decode("utf-8") for row in np.atleast_2d(rows)]
+
+
+def _box(box: NDArray[Any] | None, dimensions: NDArray[Any] | None) -> Box | None:
     """The schema's Lx, Ly, Lz, xy, xz, yz; the box is centred at 0, tilts are fractions."""
     if box is None:
         return None
@@ -116,4 +185,5 @@ def _box(box: NDArray[Any] | None) -> Box | None:
         raise SceneError("configuration/box is not six finite numbers")
     x, y, z, xy, xz, yz = box.astype(np.float64).tolist()
     vectors = np.array([[x, 0, 0], [xy * y, y, 0], [xz * z, yz * z, z]])
-    return Box(vectors, -0.5 * vectors.sum(axis=0))
+    flat = dimensions is not None and np.all(dimensions == 2)
+    return Box(vectors, -0.5 * vectors.sum(axis=0), (True, True, not flat))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .. import particles
 from ..boxes import Box
 from ..errors import SceneError
+from ..glyphs import ellipsoids
 from ..particles import Labels, Particles, element_labels, to_scene
 from ..scene import Scene
 from . import LoadOptions
@@ -27,6 +28,17 @@ BARE = True
 
 # Columns of positions, best first: wrapped, unwrapped, and both as fractions of the box's edges.
 _POSITIONS = (("x", "y", "z"), ("xu", "yu", "zu"), ("xs", "ys", "zs"), ("xsu", "ysu", "zsu"))
+
+# The axes of ellipsoids, as full lengths, and their quaternions, the real part first: as LAMMPS
+# calls them, and computes of them by names in use.
+_DIAMETERS = (
+    ("shapex", "shapey", "shapez"),
+    *(tuple(f"c_{name}[{i}]" for i in (1, 2, 3)) for name in ("shape", "diameter")),
+)
+_QUATERNIONS = (
+    ("quatw", "quati", "quatj", "quatk"),
+    *(tuple(f"c_{name}[{i}]" for i in (1, 2, 3, 4)) for name in ("q", "quat", "orient")),
+)
 
 
 def load(path: Path, options: LoadOptions) -> Scene:
@@ -173,4 +185,21 @@ def _particles(
         symbols = element_labels(types)
     taken = (*axes, "element", "type")
     fields = {name: values for name, values in columns.items() if name not in taken}
-    return Particles(positions, symbols, types or element, radii, None, fields, box)
+    glyphs = None
+    if (diameters := _numbers(table, names, _DIAMETERS)) is not None:
+        glyphs = ellipsoids(0.5 * diameters, _numbers(table, names, _QUATERNIONS))
+    kinds = types or element
+    return Particles(positions, symbols, kinds, radii, None, fields, box, glyphs=glyphs)
+
+
+def _numbers(
+    table: Table, names: list[str], choices: tuple[tuple[str, ...], ...]
+) -> NDArray[np.float64] | None:
+    """(N, M) of the first choice of M columns that are all there and numbers."""
+    for columns in choices:
+        if set(columns) <= set(names):
+            parts = [table.columns[names.index(column)] for column in columns]
+            found = [part for part in parts if not isinstance(part, Labels)]
+            if len(found) == len(columns):
+                return np.stack(found, axis=1)
+    return None

@@ -3,8 +3,9 @@
 Keys: positions (N, 3); and, if there, radii, (N,) or one number; colors (N, 3), linear RGB, or
 sRGB if of 8 bits; elements, (N,) symbols; types, (N,) strings or numbers; box (3, 3), its edges
 in rows, or (3,); origin (3,); periodic (3,), of the box's edges; bonds (B, 2) indices of particles,
-from 0. Any other array of N numbers or strings, or of N rows of numbers,
-is a field. Nothing else is read.
+from 0; shape, one or (N,) of glyphs.NAMES; half_extents (N, 3) or (3,); orientations (N, 4) or (4,)
+quaternions, the real part first; vertices (M, 3) of polyhedra, and rounding_radius. Any other array
+of N numbers or strings, or of N rows of numbers, is a field. Nothing else is read.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 from .. import particles
 from ..boxes import Box
 from ..errors import SceneError
+from ..glyphs import Glyphs, named
 from ..particles import Labels, Particles, element_labels, linear, to_scene
 from ..scene import Scene
 from . import LoadOptions
@@ -50,6 +52,11 @@ _KEYS = {
     "origin": (),
     "periodic": (),
     "bonds": (),
+    "shape": ("shapes",),
+    "half_extents": ("semi_axes", "aspherical_shape"),
+    "orientations": ("orientation", "quaternions"),
+    "vertices": (),
+    "rounding_radius": (),
 }
 
 _READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
@@ -165,6 +172,14 @@ def _particles(arrays: dict[str, NDArray[Any]]) -> Particles:
             raise SceneError("elements: not all are symbols of elements; call them types")
     elif types is not None:
         symbols = element_labels(types)
+    glyphs = _glyphs(
+        count,
+        arrays.pop("shape", None),
+        take("half_extents", (count, 3), (3,)),
+        take("orientations", (count, 4), (4,)),
+        arrays.pop("vertices", None),
+        take("rounding_radius", ()),
+    )
     fields = {
         key: Labels.of(_text(array)) if array.dtype.kind in "US" else array
         for key, array in arrays.items()
@@ -178,7 +193,27 @@ def _particles(arrays: dict[str, NDArray[Any]]) -> Particles:
         fields,
         None if box is None else _box(box, origin, periodic),
         bonds,
+        glyphs=glyphs,
     )
+
+
+def _glyphs(
+    count: int,
+    shape: NDArray[Any] | None,
+    half_extents: NDArray[Any] | None,
+    orientations: NDArray[Any] | None,
+    vertices: NDArray[Any] | None,
+    rounding: NDArray[Any] | None,
+) -> Glyphs | None:
+    if shape is None:
+        if vertices is None and half_extents is None:
+            return None
+        shape = np.array("ellipsoid" if vertices is None else "polyhedron")
+    if shape.dtype.kind not in "US" or shape.shape not in ((), (count,)):
+        what = f"{shape.shape} of {shape.dtype}"
+        raise SceneError(f"shape: one name, or ({count},) of them, is needed, not {what}")
+    radius = 0.0 if rounding is None else float(rounding)
+    return named(count, _text(shape), half_extents, orientations, vertices, radius)
 
 
 def _floats(array: NDArray[Any]) -> NDArray[np.floating[Any]]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from .. import elements, particles
 from ..boxes import Box
 from ..errors import SceneError
+from ..glyphs import ellipsoids
 from ..particles import Labels, Particles, element_labels, linear, to_scene
 from ..scene import Scene
 from . import LoadOptions
@@ -172,6 +173,11 @@ def _particles(table: Table, columns: list[tuple[str, str, int]], box: Box | Non
     assert positions is not None  # _plain and _properties see to it
     radii = numbers("radius")
     colors = numbers("color", 3)
+    # OVITO's names; its quaternions end in their real part
+    semi_axes, turns = numbers("aspherical_shape", 3), numbers("orientation", 4)
+    glyphs = None
+    if semi_axes is not None:
+        glyphs = ellipsoids(semi_axes, None if turns is None else turns[:, [3, 0, 1, 2]])
     types = labels("type")
     if types is None and (codes := numbers("type")) is not None:
         types = Labels.of(codes)
@@ -187,4 +193,4 @@ def _particles(table: Table, columns: list[tuple[str, str, int]], box: Box | Non
     else:
         symbols = element_labels(types) if types is not None else None
     srgb = None if colors is None else linear(colors)
-    return Particles(positions, symbols, types, radii, srgb, fields, box)
+    return Particles(positions, symbols, types, radii, srgb, fields, box, glyphs=glyphs)
