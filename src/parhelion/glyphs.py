@@ -152,15 +152,17 @@ def _rows(values: ArrayLike, count: int, width: int) -> NDArray[np.float64]:
     return rows
 
 
-def drawn(glyphs: Glyphs, positions: Floats, colors: Floats) -> list[Instances]:
-    """The particles that are no spheres, as instances of their bodies.
+def drawn(
+    glyphs: Glyphs, positions: Floats, colors: Floats, chosen: NDArray[np.bool_]
+) -> list[Instances]:
+    """The chosen particles that are no spheres, as instances of their bodies.
 
     One group for each body and colour, as instances have no colours of their own.
     """
     used, shades = np.unique(colors, axis=0, return_inverse=True)
     keys = np.asarray(glyphs.codes).astype(np.int64) * len(used) + shades.reshape(-1)
     order = np.argsort(keys, kind="stable")
-    order = order[~glyphs.spheres()[order]]
+    order = order[(chosen & ~glyphs.spheres())[order]]
     starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
     made = []
     for group in np.split(order, starts[1:]) if len(order) else ():

@@ -20,7 +20,7 @@ from .bonds import NEAREST, TOLERANCE, Indices, by_distance, sticks
 from .boxes import Box, outline
 from .errors import SceneError, unknown_name
 from .glyphs import Glyphs, drawn
-from .scene import Material, Scene, Shape, Spheres
+from .scene import Instances, Material, Scene, Shape, Spheres
 from .spectra import decode_srgb
 from .studio import framing
 
@@ -91,6 +91,16 @@ def element_labels(labels: Labels) -> Labels | None:
 
 
 @dataclass(frozen=True, eq=False)
+class Copies:
+    """Copies of some of N particles: of those that are True in (N,) `chosen`, one for each of the
+    (M, 3, 4) matrices, a rotation and a translation.
+    """
+
+    chosen: NDArray[np.bool_]
+    transforms: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Particles:
     """N particles as arrays, N > 0. Units are the data's own, angstrom where elements are known.
 
@@ -98,7 +108,7 @@ class Particles:
     radii: (N,). colors: (N, 3) linear RGB. fields: by name, (N,) or (N, M) numbers, or Labels.
     bonds: (B, 2) indices of particles, from 0; bonds_complete: False if distances tell of the bonds
     of particles that have none of these. glyphs: what particles are instead of spheres. None stands
-    for what is not known.
+    for what is not known. copies: what is drawn in the place of the particles themselves, if any.
     Raises SceneError for arrays whose lengths differ, a position that is not finite, a radius that
     is not positive and a bond of a particle that is not there, naming the particle or bond, from 0.
     """
@@ -113,6 +123,7 @@ class Particles:
     bonds: NDArray[np.integer[Any]] | None = None
     bonds_complete: bool = True
     glyphs: Glyphs | None = None
+    copies: Sequence[Copies] = ()
 
     def __post_init__(self) -> None:
         """Checks what a scene needs; see the class."""
@@ -132,6 +143,7 @@ class Particles:
             "radii": self.radii,
             "colors": self.colors,
             "glyphs": None if self.glyphs is None else self.glyphs.codes,
+            **{f"copies[{i}]": copies.chosen for i, copies in enumerate(self.copies)},
             **{f"field {name!r}": values for name, values in self.fields.items()},
         }
         for name, values in lengths.items():
@@ -205,6 +217,10 @@ def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
         raise SceneError("bond_length needs a style with bonds: ball-and-stick or licorice")
     if particles.box is None and (options.box or options.wrap):
         raise SceneError("there is no box to draw, or to wrap particles into")
+    if particles.copies and options.wrap:
+        raise SceneError("wrap would tear apart what an assembly puts together")
+    if particles.copies and particles.glyphs is not None:
+        raise SceneError("copies are of spheres and bonds, not of other bodies")
     if particles.box is not None and options.wrap:
         particles = replace(particles, positions=particles.box.wrapped(particles.positions))
     with np.errstate(over="ignore"):
@@ -213,21 +229,44 @@ def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
     # two-dimensional systems are looked at from straight above
     flat = np.ptp(particles.positions, axis=0)
     view = "top" if flat[2] == 0 and flat.max() > 0 else "default"
+    bonds = None if options.style == "spheres" else (*_bonds(particles, options), stick)
     shapes: list[Shape] = []
-    places, chosen = particles.positions, np.ones(len(radii), bool)
-    if particles.glyphs is not None:
-        shapes += drawn(particles.glyphs, places, colors)
-        chosen = particles.glyphs.spheres()
-    if chosen.all():
-        shapes.append(Spheres(places, radii, Material("diffuse"), colors, "particles"))
-    elif chosen.any():
-        some = places[chosen], radii[chosen]
-        shapes.append(Spheres(*some, Material("diffuse"), colors[chosen], "particles"))
-    if options.style != "spheres":
-        shapes += sticks(particles.positions, *_bonds(particles, options), colors, stick)
+    for copies in particles.copies:
+        if copies.chosen.any() and len(copies.transforms):
+            copied = _shapes(particles, copies.chosen, radii, colors, bonds)
+            solids = [shape for shape in copied if not isinstance(shape, Instances)]
+            shapes.append(Instances(solids, copies.transforms, "particles"))
+    if not particles.copies:
+        shapes += _shapes(particles, np.ones(len(radii), bool), radii, colors, bonds)
     if particles.box is not None and options.box:
         shapes += outline(particles.box)
     return Scene(shapes, camera=framing((0.0, 0.0, 1.0), view), background=None, name=name)
+
+
+def _shapes(
+    particles: Particles,
+    chosen: NDArray[np.bool_],
+    radii: Floats,
+    colors: Floats,
+    bonds: tuple[Indices, Floats, float] | None,
+) -> list[Shape]:
+    """What is drawn of the chosen particles, and of the bonds between them."""
+    places = particles.positions
+    shapes: list[Shape] = []
+    balls = chosen
+    if particles.glyphs is not None:
+        shapes += drawn(particles.glyphs, places, colors, chosen)
+        balls = chosen & particles.glyphs.spheres()
+    if balls.any():
+        own = slice(None) if balls.all() else balls  # not copied where that is not needed
+        shapes.append(
+            Spheres(places[own], radii[own], Material("diffuse"), colors[own], "particles")
+        )
+    if bonds is not None:
+        pairs, ways, stick = bonds
+        kept = chosen[pairs].all(axis=1)
+        shapes += sticks(places, pairs[kept], ways[kept], colors, stick)
+    return shapes
 
 
 # ---------------------------------------------------------------------------------------------

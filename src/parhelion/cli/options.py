@@ -92,6 +92,12 @@ def add_loading(parser: argparse.ArgumentParser) -> None:
         "--wrap", action="store_true", help="move particles into the box, where it is periodic"
     )
     group.add_argument(
+        "--assembly",
+        type=int,
+        metavar="N",
+        help="of a PDB file: the biological assembly of this number, not the atoms as they are",
+    )
+    group.add_argument(
         "--frame",
         type=int,
         default=0,
@@ -123,6 +129,7 @@ def load_options(args: argparse.Namespace) -> LoadOptions:
         bond_length=args.bond_length,
         box=args.box,
         wrap=args.wrap,
+        assembly=args.assembly,
         defines=dict(args.defines),
         strict=args.strict,
         allow_paths=tuple(args.allow_paths),

@@ -76,8 +76,9 @@ class LoadOptions:
     radius: one radius for all particles, "vdw" or "covalent"; None for the loader's choice. frame:
     of a trajectory, from 0; negative counts from the end; of USD, the time code.
     style: of particles, "spheres", "ball-and-stick" or "licorice". bond_length: particles nearer to
-    each other are bonded; None for the file's bonds, or by covalent radii. box: the
-    simulation box is drawn. wrap: particles are moved into it where it is periodic.
+    each other are bonded; None for the file's bonds, or by covalent radii. box: the simulation box
+    is drawn. wrap: particles are moved into it where it is periodic. assembly: the number of a PDB
+    file's biological assembly; None for the atoms that are in the file.
     defines: values of a scene's own parameters by name (Mitsuba's `-D name=value`). strict: what a
     scene asks for and is not supported is an error, not a warning. allow_paths: folders, besides
     the scene file's own, that its files may lie in.
@@ -99,6 +100,7 @@ class LoadOptions:
     bond_length: float | None = None
     box: bool = False
     wrap: bool = False
+    assembly: int | None = None
     defines: Mapping[str, str] = field(default_factory=dict)
     strict: bool = False
     allow_paths: tuple[str, ...] = ()

@@ -2,7 +2,8 @@
 
 Elements are those that a PDB file gives; where it, or GRO, has only names of atoms, they are
 told by these, see elements.biomolecular_number. Warnings of chemfiles go to logging. Of PDB files
-we read what concerns bonds ourselves.
+we read what concerns bonds and biological assemblies ourselves:
+https://www.wwpdb.org/documentation/file-format-content/format33/v3.3.html
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -22,14 +24,14 @@ from numpy.typing import NDArray
 from .. import elements, particles
 from ..boxes import Box
 from ..errors import FormatError, SceneError
-from ..particles import Labels, Particles, to_scene
+from ..particles import FARTHEST, Copies, Labels, Particles, to_scene
 from ..scene import Scene
 from . import COMPRESSED, LoadOptions
 from .text import TextFile, errors_name, frame_index
 
 NAME = "PDB, GRO"
 SUFFIXES = (".pdb", ".gro")
-OPTIONS = particles.OPTIONS
+OPTIONS = (*particles.OPTIONS, "assembly")
 BARE = True
 
 _logger = logging.getLogger(__name__)
@@ -39,21 +41,27 @@ _MOST_NAMES = 500
 _MOST_WARNINGS = 5
 
 _BONDS = re.compile(rb"^CONECT(.*)\n", re.MULTILINE)
-# The serial number of an atom, five characters; and the end of the first of several models
-_SERIAL = re.compile(rb"^(?:ATOM  |HETATM)(.{5})|^(ENDMDL)", re.MULTILINE)
+# The serial number of an atom, five characters, and its chain, one; the end of the first model
+_ATOM = re.compile(rb"^(?:ATOM  |HETATM)(.{5})(?:.{10}(.))?|^(ENDMDL)", re.MULTILINE)
+# Biological assemblies
+_ASSEMBLY = re.compile(rb"^REMARK 350(.*)\n", re.MULTILINE)
+# How far the product of a rotation and its transpose may be off from 1; files have six decimals.
+_ROTATION = 1e-3
 # Lengths of a box's edges, and the rest; a cube of 1 angstrom stands for none
 _BOX = re.compile(rb"^CRYST1(.{9})(.{9})(.{9})(.*)\n", re.MULTILINE)
 
 
 def load(path: Path, options: LoadOptions) -> Scene:
     """One frame of the file as a scene. Raises FormatError, SceneError."""
-    return to_scene(read(path, options.frame), options, path.name)
+    return to_scene(read(path, options.frame, options.assembly), options, path.name)
 
 
-def read(path: Path, frame: int = 0) -> Particles:
+def read(path: Path, frame: int = 0, assembly: int | None = None) -> Particles:
     """The particles of one frame, counted from 0, or from the end if negative.
 
-    Raises FormatError for a file that is broken or has no such frame, or without chemfiles.
+    assembly: the number of a biological assembly, by which they are copied; None for what is in the
+    file. Raises FormatError for a file that is broken or has no such frame or assembly, or without
+    chemfiles.
     """
     try:
         import chemfiles
@@ -72,7 +80,10 @@ def read(path: Path, frame: int = 0) -> Particles:
         try:
             with chemfiles.Trajectory(str(copy), "r", copy.suffix[1:].upper()) as trajectory:
                 index = frame_index(path, frame, trajectory.nsteps)
-                return _particles(chemfiles, trajectory.read_step(index), records, path)
+                found = _particles(chemfiles, trajectory.read_step(index), records, path)
+                if assembly is None:
+                    return found
+                return replace(found, copies=records.copies(assembly, len(found.positions)))
         except chemfiles.ChemfilesError as error:
             reason = str(error).replace(str(copy), path.name)
             raise SceneError(f"chemfiles says: {reason[:200]}") from None
@@ -88,12 +99,13 @@ def read(path: Path, frame: int = 0) -> Particles:
 
 class _Records:
     """What we read of a PDB file ourselves: bonds, by the atoms' serial numbers, which chemfiles
-    does not keep, and whether its box is one and holds all that is in it.
+    does not keep, biological assemblies, and whether its box is one and holds all that is in it.
     """
 
     def __init__(self) -> None:
-        self.serials: list[bytes] = []  # of the first model
+        self.atoms: list[tuple[bytes, bytes]] = []  # serial and chain, of the first model
         self.conect: list[bytes] = []
+        self.remarks: list[bytes] = []
         self.no_box = False
         self.symmetric = False  # the file has but a part of what is in the box
         self._whole = False
@@ -105,11 +117,12 @@ class _Records:
             group = rest[22:33].split()
             self.symmetric = bool(group) and group not in ([b"P", b"1"], [b"P1"])
         self.conect += _BONDS.findall(lines)
-        for serial, end in _SERIAL.findall(lines) if not self._whole else ():
+        self.remarks += _ASSEMBLY.findall(lines)
+        for serial, chain, end in _ATOM.findall(lines) if not self._whole else ():
             if end:
                 self._whole = True
                 break
-            self.serials.append(serial)
+            self.atoms.append((serial, chain))
 
     def bonds(self, path: Path, count: int) -> NDArray[np.intp]:
         """The bonds of `count` atoms that CONECT records tell of, (B, 2).
@@ -119,7 +132,7 @@ class _Records:
         if not self.conect:
             return np.empty((0, 2), np.intp)
         indices: dict[bytes, int | None] = {}
-        for i, serial in enumerate(self.serials[:count]):
+        for i, (serial, _) in enumerate(self.atoms[:count]):
             # serial numbers start anew after 99999 in some files: those say nothing
             indices[serial.strip()] = None if serial.strip() in indices else i
         found: list[tuple[int, int]] = []
@@ -133,6 +146,71 @@ class _Records:
         if missing:
             _logger.info("%s: %d bonds in CONECT are of atoms that are not there", path, missing)
         return np.array(found, np.intp).reshape(-1, 2)
+
+    def copies(self, assembly: int, count: int) -> list[Copies]:
+        """By which `count` atoms become a biological assembly. Raises SceneError."""
+        known = self._assemblies()
+        if assembly not in known:
+            has = ", ".join(map(str, known)) or "none"
+            raise SceneError(f"has no assembly {assembly} in REMARK 350; it has {has}")
+        if len(self.atoms) != count:
+            raise SceneError("assemblies need models of the same atoms")
+        names, codes = np.unique([chain for _, chain in self.atoms], return_inverse=True)
+        found = []
+        for chains, rows in known[assembly]:
+            chosen = np.isin(names, list(chains))[codes.reshape(-1)]
+            transforms = [
+                _rotation(parts, f"assembly {assembly}: BIOMT {serial}")
+                for serial, parts in rows.items()
+            ]
+            found.append(Copies(chosen, np.array(transforms).reshape(-1, 3, 4)))
+        if not any(len(copies.transforms) and copies.chosen.any() for copies in found):
+            raise SceneError(f"assembly {assembly} has no chain that is in the file, or no BIOMT")
+        return found
+
+    def _assemblies(self) -> dict[int, list[tuple[set[bytes], dict[str, list[bytes]]]]]:
+        """Of each assembly, by its number: chains, and of these the three rows of each matrix."""
+        known: dict[int, list[tuple[set[bytes], dict[str, list[bytes]]]]] = {}
+        numbers: list[int] = []
+        for remark in self.remarks:
+            key, colon, value = remark.partition(b":")
+            if colon and key.strip() == b"BIOMOLECULE":
+                numbers = [
+                    int(n)
+                    for n in value.replace(b",", b" ").split()
+                    if re.fullmatch(rb"\d{1,9}", n)
+                ]
+                known.update({n: [] for n in numbers})
+            elif colon and key.strip().endswith((b"APPLY THE FOLLOWING TO CHAINS", b"AND CHAINS")):
+                chains = {b" " if c == b"NULL" else c for c in value.replace(b",", b" ").split()}
+                for n in numbers:
+                    if key.strip() == b"AND CHAINS" and known[n]:
+                        known[n][-1][0].update(chains)
+                    else:
+                        known[n].append((set(chains), {}))
+            elif remark[3:8] == b"BIOMT":
+                for n in numbers:
+                    if known[n]:
+                        serial = remark[9:13].decode("ascii", "replace").strip()
+                        known[n][-1][1].setdefault(serial, []).append(remark)
+        return known
+
+
+def _rotation(rows: list[bytes], where: str) -> NDArray[np.float64]:
+    """The (3, 4) matrix of BIOMT's three rows. Raises SceneError for one that is no rotation."""
+    if [row[8:9] for row in rows] != [b"1", b"2", b"3"]:
+        raise SceneError(f"{where} has not three rows, 1 to 3")
+    try:
+        matrix = np.array(
+            [[float(row[a:b]) for a, b in ((13, 23), (23, 33), (33, 43), (43, 58))] for row in rows]
+        )
+    except ValueError:
+        raise SceneError(f"{where} does not hold numbers") from None
+    turn = matrix[:, :3]
+    off = np.abs(turn @ turn.T - np.eye(3)).max() if np.isfinite(matrix).all() else np.inf
+    if not (off <= _ROTATION and np.linalg.det(turn) > 0 and np.abs(matrix).max() <= FARTHEST):
+        raise SceneError(f"{where} is no rotation and translation")
+    return matrix
 
 
 @contextmanager
