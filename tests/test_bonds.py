@@ -402,6 +402,19 @@ def test_ase_and_mdanalysis() -> None:
     assert len(ph.scene_of(crystal, style="licorice").shapes[1].starts) < 32
 
 
+def test_bonds_of_ases_lammps_data(tmp_path: Path) -> None:
+    ase_io = pytest.importorskip("ase.io")
+    path = tmp_path / "a.data"
+    path.write_text(
+        "x\n\n3 atoms\n1 bonds\n1 atom types\n1 bond types\n0 10 xlo xhi\n0 10 ylo yhi\n"
+        "0 10 zlo zhi\n\nMasses\n\n1 12.0\n\nAtoms # molecular\n\n1 1 1 1 5 5\n2 1 1 9 5 5\n"
+        "3 1 1 2 5 5\n\nBonds\n\n1 1 1 2\n"
+    )
+    atoms = ase_io.read(path, format="lammps-data")
+    tubes = ph.scene_of(atoms, style="ball-and-stick").shapes[1]
+    assert_allclose(np.sort(np.ravel(tubes.ends)[::3]), [0, 10])  # through the box
+
+
 def test_mdanalysis() -> None:
     mda = pytest.importorskip("MDAnalysis")
     universe = mda.Universe.empty(4, trajectory=True)

@@ -277,7 +277,7 @@ def test_extended_xyz_in_ovitos_names(tmp_path: Path) -> None:
     scene = io.load(path)
     assert_allclose(first_matrix(scene), [[0, -5, 0, 1], [4, 0, 0, 2], [0, 0, 6, 3]], atol=1e-12)
     assert_allclose(scene.shapes[1].centers, [[9, 9, 9]])  # no axes at all: a sphere
-    assert xyz.read(path).glyphs is not None
+    assert_array_equal(xyz.read(path).fields["orientation"], [[0, 0, 1, 1], [0, 0, 0, 0]])
 
 
 @pytest.mark.parametrize(
@@ -309,6 +309,7 @@ def test_npz(tmp_path: Path) -> None:
     np.savez(path, positions=positions, semi_axes=[4, 5, 6], orientations=[[1, 0, 0, 1]] * 2)
     expected = [[0, -5, 0, 1], [4, 0, 0, 2], [0, 0, 6, 3]]
     assert_allclose(first_matrix(io.load(path)), expected, atol=1e-12)
+    assert np.shape(npz.read(path).fields["orientations"]) == (2, 4)
     np.savez(path, positions=positions, vertices=TETRAHEDRON, rounding_radius=0.25)
     group = io.load(path).shapes[0]
     assert [len(s.centers) for s in group.shapes if isinstance(s, ph.Spheres)] == [4]

@@ -7,6 +7,7 @@ and anything with vertices and faces. A new kind is one function and one line in
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import Any
@@ -113,8 +114,23 @@ def _ase(thing: Any, options: LoadOptions) -> _Made:
         elements=Labels.of(thing.get_chemical_symbols()),
         fields=_fields(dict(thing.arrays), len(thing), ("numbers", "positions")),
         box=box,
+        bonds=_bonds_in_words(thing.arrays.get("bonds")),
     )
     return _cloud(found, options, "atoms")
+
+
+def _bonds_in_words(words: Any) -> Any:
+    """The bonds that ASE's reader of LAMMPS data files leaves: of each atom the indices of others and
+    the types of bonds, "5(1),7(2)", or "_"; None where there are none.
+    """
+    if words is None or np.asarray(words).dtype.kind != "U":
+        return None
+    found = [
+        (i, int(other))
+        for i, word in enumerate(np.asarray(words).tolist())
+        for other in re.findall(r"(\d{1,18})\(", word)
+    ]
+    return np.array(found, np.int64).reshape(-1, 2)
 
 
 def _mdanalysis(thing: Any, options: LoadOptions) -> _Made:

@@ -172,11 +172,15 @@ def _particles(arrays: dict[str, NDArray[Any]]) -> Particles:
             raise SceneError("elements: not all are symbols of elements; call them types")
     elif types is not None:
         symbols = element_labels(types)
+    half_extents = take("half_extents", (count, 3), (3,))
+    turns = take("orientations", (count, 4), (4,))
+    if turns is not None and turns.ndim == 2:  # may be of use for colours too
+        arrays["orientations"] = turns
     glyphs = _glyphs(
         count,
         arrays.pop("shape", None),
-        take("half_extents", (count, 3), (3,)),
-        take("orientations", (count, 4), (4,)),
+        half_extents,
+        turns,
         arrays.pop("vertices", None),
         take("rounding_radius", ()),
     )

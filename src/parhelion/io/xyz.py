@@ -174,10 +174,12 @@ def _particles(table: Table, columns: list[tuple[str, str, int]], box: Box | Non
     radii = numbers("radius")
     colors = numbers("color", 3)
     # OVITO's names; its quaternions end in their real part
-    semi_axes, turns = numbers("aspherical_shape", 3), numbers("orientation", 4)
     glyphs = None
-    if semi_axes is not None:
+    if (semi_axes := numbers("aspherical_shape", 3)) is not None:
+        turns = numbers("orientation", 4)
         glyphs = ellipsoids(semi_axes, None if turns is None else turns[:, [3, 0, 1, 2]])
+        if turns is not None:  # may be of use for colours too
+            fields["orientation"] = turns
     types = labels("type")
     if types is None and (codes := numbers("type")) is not None:
         types = Labels.of(codes)
