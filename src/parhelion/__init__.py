@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .image import Image
     from .io import LoadOptions, load
     from .objects import scene_of
+    from .orbit import turntable
     from .progress import Progress
     from .renderer import Prepared, prepare, render
     from .scene import (
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
         Spheres,
         Texture,
     )
+    from .sequence import save_sequence
     from .spectra import conductor
 
 _HOMES = {
@@ -67,7 +69,9 @@ _HOMES = {
     "Scene": "scene",
     "Settings": "scene",
     "Spheres": "scene",
+    "save_sequence": "sequence",
     "conductor": "spectra",
+    "turntable": "orbit",
     "weekend": "builtin",
 }
 
@@ -98,7 +102,9 @@ __all__ = [
     "load",
     "prepare",
     "render",
+    "save_sequence",
     "scene_of",
+    "turntable",
     "weekend",
 ]
 

@@ -17,18 +17,26 @@ def replacing(file: Path) -> Iterator[Path]:
     """A temporary path with the same ending; when the block ends well it takes the file's place.
 
     A link is followed: what it points to is replaced, not the link. A device or a pipe, which
-    cannot be replaced, is written to. Raises ResourceError for whatever the system refuses; the
-    temporary file is gone then and the old one untouched.
+    cannot be replaced, is written to. Raises ResourceError for whatever the system refuses, in the
+    block too; the temporary file is gone then and the old one untouched.
     """
-    target = Path(os.path.realpath(file))
-    special = is_special(target)
-    try:
+    with taking_place(file) as temporary, _refusals(file):
+        yield temporary
+
+
+@contextmanager
+def taking_place(file: Path) -> Iterator[Path]:
+    """As replacing(), but errors of the block, which may do other work too, stay what they are."""
+    with _refusals(file):
+        target = Path(os.path.realpath(file))
+        special = is_special(target)
         folder = None if special else target.parent
         handle, name = tempfile.mkstemp(suffix=file.suffix, prefix=".parhelion-", dir=folder)
         os.close(handle)
-        temporary = Path(name)
-        try:
-            yield temporary
+    temporary = Path(name)
+    try:
+        yield temporary
+        with _refusals(file):
             if special:
                 with open(target, "wb") as device:
                     device.write(temporary.read_bytes())
@@ -37,8 +45,15 @@ def replacing(file: Path) -> Iterator[Path]:
                 _sync(temporary)
                 os.replace(temporary, target)
                 _sync(target.parent)
-        finally:
-            temporary.unlink(missing_ok=True)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _refusals(file: Path) -> Iterator[None]:
+    """Turns what the system refuses into a ResourceError about the file."""
+    try:
+        yield
     except ResourceError as error:
         raise ResourceError(f"{file}: cannot be written: {error}") from error
     except (OSError, ValueError) as error:  # ValueError: a null character in the name

@@ -328,6 +328,11 @@ def check_output(
         raise SceneError(f"{file}: {ending} cannot hold {bits} bits a channel (choices: {choices})")
     if features and ending != ".exr":
         raise SceneError(f"{file}: {ending} cannot hold features (choices: .exr)")
+    check_place(file)
+
+
+def check_place(file: Path) -> None:
+    """Raises ResourceError for a file that cannot be written where it is to be."""
     try:
         target = Path(os.path.realpath(file))
         if target.is_dir():

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from math import cos, radians, sin
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,6 +31,8 @@ from .scene import (
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    Array = NDArray[np.floating[Any]]
 
 # Where the camera stands, seen from the middle: degrees from the front towards the right, and
 # degrees above the horizon.
@@ -62,6 +64,10 @@ _KEY_STRENGTH = 0.58
 _KEY_HALF_ANGLE = 15.0
 _KEY_DIRECTION = (-0.6, 0.8, 0.7)
 _KEY_DISTANCE = 24.0
+_KEY_NAME = "key light"
+_KEY_SIZE = sin(radians(_KEY_HALF_ANGLE))  # radius over distance
+_KEY = Material("emissive", radiance=(_KEY_STRENGTH / _KEY_SIZE**2,) * 3)
+_SKY = {"horizon": (_SKY_BEHIND_THINGS,) * 3, "zenith": (_SKY_BEHIND_CAMERA,) * 3}
 
 # The ground is a disk this many times larger than the things' bounding sphere: without an end, to
 # the eye. It lies exactly as low as the lowest point: a flat bottom neither floats nor sinks. Its
@@ -205,22 +211,36 @@ def _lit(scene: Scene) -> Scene:
     or far outside of what the camera sees.
     """
     right, towards = _towards(scene.camera)
-    sky = Background(
-        "gradient",
-        horizon=(_SKY_BEHIND_THINGS,) * 3,
-        zenith=(_SKY_BEHIND_CAMERA,) * 3,
-        up=_tuple(towards),
-    )
+    sky = Background("gradient", **_SKY, up=_tuple(towards))
     middle, radius = reach(scene)
     if not radius > 0.0:
         return scene.replace(background=sky)
     distance = _KEY_DISTANCE * radius
     direction = np.array(_KEY_DIRECTION) @ (right, np.cross(towards, right), towards)
     place = middle + distance / np.linalg.norm(direction) * direction
-    size = sin(radians(_KEY_HALF_ANGLE))
-    shine = Material("emissive", radiance=(_KEY_STRENGTH / size**2,) * 3)
-    key = Spheres([_tuple(place)], distance * size, shine, None, "key light")
+    key = Spheres([_tuple(place)], distance * _KEY_SIZE, _KEY, None, _KEY_NAME)
     return scene.replace(background=sky, shapes=(*scene.shapes, key))
+
+
+def turned_light(scene: Scene, rotation: Array, pivot: Array) -> Scene:
+    """The scene with the light that dressed() gave it turned about a place; others stay.
+
+    rotation: (3, 3). The scene itself if there is nothing to turn.
+    """
+    sky = scene.background
+    if sky is None or np.array_equal(rotation, np.eye(3)):
+        return scene
+    up = sky.params.get("up")
+    if sky.type != "gradient" or up is None or sky != Background("gradient", **_SKY, up=up):
+        return scene
+    turned = Background("gradient", **_SKY, up=_tuple(rotation @ np.array(up)))
+    shapes = []
+    for shape in scene.shapes:
+        if isinstance(shape, Spheres) and shape.name == _KEY_NAME and shape.material == _KEY:
+            place = pivot + (np.asarray(shape.centers) - pivot) @ rotation.T
+            shape = replace(shape, centers=place)
+        shapes.append(shape)
+    return scene.replace(background=turned, shapes=shapes)
 
 
 def _ground(scene: Scene, up: Vec3) -> list[Disks]:

@@ -5,16 +5,20 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..errors import SceneError
 from . import options
 
 if TYPE_CHECKING:
     from ..image import Image
-    from ..progress import Progress
+    from ..progress import Progress, ProgressCallback
+    from ..scene import Scene
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -30,7 +34,8 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "-o",
         "--output",
         metavar="FILE",
-        help=".png, .jpg (sRGB) or .exr (linear); default: the scene's name and .png",
+        help=".png, .jpg (sRGB) or .exr (linear); of a sequence also .mp4, and %%04d where the"
+        " number stands; default: the scene's name and .png",
     )
     p.add_argument("--bits", type=int, help="a channel: 8 or 16 for .png, 16 or 32 for .exr")
     p.add_argument(
@@ -77,6 +82,16 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="what is seen where there is nothing: a name such as white or #rrggbb; what"
         " lights the scene stays",
     )
+    sequence = p.add_argument_group("sequences of pictures")
+    sequence.add_argument(
+        "--turntable",
+        type=int,
+        metavar="N",
+        help="N pictures, the camera going once around: NAME.0001.png and so on, or a film",
+    )
+    sequence.add_argument(
+        "--fps", type=float, metavar="RATE", help="pictures of a film a second; default: 30"
+    )
     work = p.add_argument_group("work (the picture does not depend on these)")
     work.add_argument(
         "-t", "--threads", type=int, default=0, metavar="N", help="default: all cores"
@@ -90,11 +105,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Renders and writes; 130 if it was stopped."""
-    from ..image import check_output
-    from ..renderer import prepare, render
-
     output = args.output if args.output is not None else f"{_stem(args.scene)}.png"
-    check_output(output, args.bits, args.features)
     names = (
         "width",
         "height",
@@ -109,34 +120,31 @@ def run(args: argparse.Namespace) -> int:
         "integrator",
         "ao_distance",
         "backdrop",
+        "threads",
+        "tree",
+        "schedule",
+        "tile",
+        "features",
     )
     settings = {name: getattr(args, name) for name in names}
+    if args.turntable is not None:
+        return _sequence(args, output, settings)
+    return _picture(args, output, settings)
+
+
+def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
+    from ..image import check_output
+    from ..renderer import prepare, render
+
+    if args.fps is not None:
+        raise SceneError("--fps needs a sequence of pictures: --turntable")
+    check_output(output, args.bits, args.features)
     with options.naming(args):
         scene = prepare(options.load_scene(args))
+    watch = _Watch()
     # The camera can only be the file's own.
-    with options.naming(args, "camera:"), ExitStack() as stack:
-        stop = stack.enter_context(_interrupts())
-        report = None
-        if not args.quiet:
-            from ..progress import bar
-
-            report = stack.enter_context(bar())
-
-        def progress(state: Progress) -> bool:
-            if report is not None:
-                report(state)
-            return bool(stop)
-
-        image = render(
-            scene,
-            threads=args.threads,
-            tree=args.tree,
-            schedule=args.schedule,
-            tile=args.tile,
-            progress=progress,
-            features=args.features,
-            **settings,
-        )
+    with options.naming(args, "camera:"), watch.watching(args.quiet):
+        image = render(scene, progress=watch, **settings)
         image.save(output, bits=args.bits)
     if image.stats.complete:
         if not args.quiet:
@@ -147,6 +155,111 @@ def run(args: argparse.Namespace) -> int:
     got = f"{most}" if least == most else f"{least} to {most}"
     print(f"parhelion: stopped; {output} has {got} of {wanted} samples per pixel", file=sys.stderr)
     return 130
+
+
+def _sequence(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
+    """Writes whole pictures only; 130 if it was stopped."""
+    from ..sequence import FILM, opened
+
+    film = output.lower().endswith(FILM)
+    if args.fps is not None and not film:
+        raise SceneError(f"{output}: --fps is for films: {FILM}")
+    fps = {} if args.fps is None else {"fps": args.fps}
+    start, watch, image = time.perf_counter(), _Watch(), None
+    try:
+        with opened(output, bits=args.bits, features=args.features, **fps) as taker:
+            with options.naming(args):
+                images = _turntable(args, output if film else None, settings, watch)
+            with options.naming(args, "camera:"), watch.watching(args.quiet):
+                for image in images:
+                    if not image.stats.complete:
+                        raise _Stopped
+                    taker.add(image)
+                    watch.add(image)
+    except _Stopped:
+        done = f"stopped after {watch.done} of {watch.count} pictures"
+        left = f"; {output} was not written" if film else ""
+        print(f"parhelion: {done}{left}", file=sys.stderr)
+        return 130
+    if not args.quiet and image is not None:
+        height, width = image.pixels.shape[:2]
+        seconds = time.perf_counter() - start
+        what = f"{watch.count} picture{'s' * (watch.count != 1)}, {width}x{height}"
+        print(f"{output}: {what}, {image.settings.spp} spp in {seconds:.2f} s", file=sys.stderr)
+    return 0
+
+
+class _Stopped(Exception):
+    """Leaves a sequence in its middle."""
+
+
+def _turntable(
+    args: argparse.Namespace, film: str | None, settings: dict[str, Any], watch: _Watch
+) -> Iterable[Image]:
+    """The pictures of a turn. film: the name of one to be made of them."""
+    from ..orbit import turntable
+
+    scene = options.load_scene(args)
+    _check_film(film, scene, settings)
+    watch.count = args.turntable
+    return turntable(scene, args.turntable, progress=watch, **settings)
+
+
+def _check_film(film: str | None, scene: Scene, settings: dict[str, Any]) -> None:
+    """Raises SceneError for pictures that no film can be made of, before there are any."""
+    from ..renderer import merged
+    from ..sequence import check_film_size
+
+    if film is not None:
+        known = {f.name for f in fields(type(scene.settings))}
+        wanted = merged(scene.settings, {k: v for k, v in settings.items() if k in known})
+        size = wanted.crop[2:] if wanted.crop else (wanted.width, wanted.height)
+        check_film_size(film, *size)
+
+
+class _Watch:
+    """A progress function for one or more pictures: shows a bar, and stops at a signal.
+
+    count: of pictures in all. done: how many of them there are.
+    """
+
+    def __init__(self) -> None:
+        self.count, self.done = 1, 0
+        self._samples = self._rays = 0
+        self._seconds = 0.0
+        self._report: ProgressCallback | None = None
+        self._stop: list[int] = []
+
+    def __call__(self, state: Progress) -> bool:
+        if self._report is not None:
+            self._report(
+                replace(
+                    state,
+                    samples=self._samples + state.samples,
+                    total_samples=self.count * state.total_samples,
+                    rays=self._rays + state.rays,
+                    seconds=self._seconds + state.seconds,
+                )
+            )
+        return bool(self._stop)
+
+    def add(self, image: Image) -> None:
+        """Counts a picture that is there."""
+        self.done += 1
+        self._samples += image.stats.samples
+        self._rays += image.stats.rays
+        self._seconds += image.stats.seconds
+
+    @contextmanager
+    def watching(self, quiet: bool) -> Iterator[None]:
+        """Shows a bar and minds signals in the block."""
+        with ExitStack() as stack:
+            self._stop = stack.enter_context(_interrupts())
+            if not quiet:
+                from ..progress import bar
+
+                self._report = stack.enter_context(bar())
+            yield
 
 
 def _stem(scene: str | None) -> str:

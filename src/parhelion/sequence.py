@@ -1,0 +1,239 @@
+"""Sequences of pictures: numbered files, or a film through the program ffmpeg."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Protocol
+
+from .atomic import taking_place
+from .errors import ResourceError, SceneError
+from .image import check_output, check_place
+
+if TYPE_CHECKING:
+    from .image import Image
+
+FILM = ".mp4"
+
+# %d or %04d as printf has it, and %% for a single one
+_NUMBER = re.compile(r"%(0?\d*)d")
+# Digits of numbers where the name does not say
+_DIGITS = 4
+
+# H.264 at a quality where no block is seen. Pictures are sRGB, which the tags say: Rec. 709
+# primaries, sRGB's curve, and Rec. 709's matrix and range for the conversion to Y'CbCr.
+_ENCODER = "libx264"
+_QUALITY = ("-crf", "17", "-preset", "medium")
+_COLOR = (
+    "-vf",
+    "scale=flags=accurate_rnd+full_chroma_int:in_range=pc:out_range=tv:out_color_matrix=bt709,"
+    "format=yuv420p,setparams=color_primaries=bt709:color_trc=iec61966-2-1:colorspace=bt709"
+    ":range=tv",
+)
+
+
+class Taker(Protocol):
+    """What takes the pictures of a sequence, one after the other."""
+
+    def add(self, image: Image) -> None:
+        """Takes the next one."""
+
+
+def save_sequence(
+    images: Iterable[Image],
+    path: str | os.PathLike[str],
+    *,
+    fps: float = 30.0,
+    bits: int | None = None,
+) -> int:
+    """Writes pictures as they come, and returns how many.
+
+    path: "turn.png" makes turn.0001.png, turn.0002.png and so on; "turn-%03d.exr" says where the
+    number stands and how many digits it has. "turn.mp4" makes a film of fps pictures a second, for
+    which the program ffmpeg is needed; it appears when it is complete. bits: as for Image.save().
+
+    Raises what Image.save() does, and ResourceError without ffmpeg, before the first picture is
+    asked for.
+    """
+    count = 0
+    with opened(path, fps=fps, bits=bits) as taker:
+        for image in images:
+            taker.add(image)
+            count += 1
+    return count
+
+
+@contextmanager
+def opened(
+    path: str | os.PathLike[str],
+    *,
+    fps: float = 30.0,
+    bits: int | None = None,
+    features: bool = False,
+) -> Iterator[Taker]:
+    """What takes the pictures of one sequence; a film is whole, and there, after the block.
+
+    If the block ends with an exception, files of pictures stay, and a film does not appear. Raises
+    as save_sequence() does.
+    """
+    name = os.fspath(path)
+    if Path(name).suffix.lower() != FILM:
+        yield _Files(name, bits, features)
+        return
+    if bits not in (None, 8):
+        raise SceneError(f"{name}: {FILM} cannot hold {bits} bits a channel (choices: 8)")
+    if features:
+        raise SceneError(f"{name}: {FILM} cannot hold features (choices: .exr)")
+    try:
+        rate = float(fps)
+    except (TypeError, ValueError):
+        rate = 0.0
+    if not 0.01 <= rate <= 1000.0:
+        raise SceneError(f"fps is {fps!r}; must lie in [0.01, 1000]")
+    check_place(Path(name))
+    program = _ffmpeg(name)
+    with tempfile.TemporaryFile() as said, taking_place(Path(name)) as temporary:
+        film = _Film(name, program, rate, temporary, said)
+        try:
+            yield film
+            film.finish()
+        finally:
+            film.stop()
+
+
+def numbered(name: str, number: int) -> str:
+    """The name of one file of a sequence: with its number in the place that the name gives to it,
+    or before the ending. Raises SceneError for a name with more than one such place.
+    """
+    folder, base = os.path.split(name)
+    places = _NUMBER.findall(base.replace("%%", ""))
+    if len(places) > 1 or ("%" in _NUMBER.sub("", base.replace("%%", ""))):
+        raise SceneError(f"{name}: one number such as %04d may stand in the name, and %% for %")
+    if places:
+        if len(places[0]) > 3 or int(places[0] or 0) > 20:
+            raise SceneError(f"{name}: %{places[0]}d has too many digits; %04d has four")
+        base = base % number
+    else:
+        stem, ending = os.path.splitext(base.replace("%%", "%"))
+        base = f"{stem}.{number:0{_DIGITS}}{ending}"
+    return os.path.join(folder, base)
+
+
+class _Files:
+    """A file for each picture, each whole or not there."""
+
+    def __init__(self, name: str, bits: int | None, features: bool) -> None:
+        check_output(numbered(name, 1), bits, features)
+        self._name, self._bits, self._count = name, bits, 0
+
+    def add(self, image: Image) -> None:
+        self._count += 1
+        image.save(numbered(self._name, self._count), bits=self._bits)
+
+
+class _Film:
+    """ffmpeg, which is sent the pictures; it starts with the first one, which says the size."""
+
+    def __init__(self, name: str, program: str, fps: float, file: Path, said: IO[bytes]) -> None:
+        self._name, self._program, self._fps = name, program, fps
+        self._file, self._said = file, said
+        self._process: subprocess.Popen[bytes] | None = None
+        self._size = (0, 0)
+
+    def add(self, image: Image) -> None:
+        pixels = image.srgb()
+        size = pixels.shape[1], pixels.shape[0]
+        if self._process is None:
+            self._start(*size)
+        elif size != self._size:
+            raise SceneError(
+                f"{self._name}: a picture of {size[0]}x{size[1]} in a film of"
+                f" {self._size[0]}x{self._size[1]}"
+            )
+        assert self._process is not None
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(pixels.tobytes())
+            self._process.stdin.flush()
+        except OSError:  # it is gone
+            self._fail()
+
+    def finish(self) -> None:
+        """Waits until the film is written."""
+        if self._process is None:
+            raise SceneError(f"{self._name}: a film needs a picture")
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.close()
+        if self._process.wait() != 0:
+            self._fail()
+
+    def stop(self) -> None:
+        """Ends what is still running."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+
+    def _start(self, width: int, height: int) -> None:
+        check_film_size(self._name, width, height)
+        self._size = width, height
+        raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
+        command = [
+            *(self._program, "-y", "-nostdin", "-loglevel", "error"),
+            *(*raw, "-framerate", f"{self._fps:g}", "-i", "pipe:0"),
+            *("-c:v", _ENCODER, *_QUALITY, *_COLOR, "-movflags", "+faststart"),
+            *("-f", "mp4", os.fspath(self._file)),
+        ]
+        try:
+            # In a group of its own: Ctrl-C is ours to act on.
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=self._said,
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise ResourceError(f"{self._name}: ffmpeg does not start: {error.strerror}") from error
+
+    def _fail(self) -> None:
+        """Raises what ffmpeg said."""
+        assert self._process is not None
+        code = self._process.wait()
+        self._said.seek(0)
+        lines = self._said.read().decode(errors="replace").strip().splitlines()
+        reason = lines[-1] if lines else f"exit code {code}"
+        raise ResourceError(f"{self._name}: ffmpeg failed: {reason[:300]}")
+
+
+def check_film_size(name: str, width: int, height: int) -> None:
+    """Raises SceneError for pictures that do not consist of 2x2 pixels, which share a colour."""
+    if width % 2 or height % 2:
+        raise SceneError(
+            f"{name}: a film needs an even width and height, and pictures are {width}x{height}"
+        )
+
+
+def _ffmpeg(name: str) -> str:
+    """The program. Raises ResourceError where there is none that can encode H.264."""
+    program = shutil.which("ffmpeg")
+    if program is None:
+        raise ResourceError(
+            f"{name}: the program ffmpeg is needed for films and is not on the PATH;"
+            " install it, or write pictures: .png, .jpg or .exr"
+        )
+    try:
+        done = subprocess.run(
+            [program, "-hide_banner", "-encoders"], capture_output=True, timeout=60, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise ResourceError(f"{name}: {program} does not run: {error}") from error
+    if _ENCODER.encode() not in done.stdout:
+        raise ResourceError(f"{name}: {program} has no encoder {_ENCODER}, for H.264")
+    return program
