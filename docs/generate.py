@@ -58,6 +58,9 @@ _SECTIONS = {
     "ImageTexture": "textures",
     "ImageLight": "lights",
     "Pixels": "pixels",
+    "Arrays": "large-arrays",
+    "Stored": "large-arrays",
+    "Framing": "camera",
     "Settings": "settings",
 }
 _ANCHORS = {
@@ -132,6 +135,7 @@ def _values(schema: dict[str, Any]) -> str:
 # what texts of a pattern are
 _TEXTS = {
     "": "text",
+    "^[0-9a-f]{64}$": "64 digits",
     r"\.npy$": "name of a `.npy` file",
     r"^smooth$|^flat$|\.npy$": '`"smooth"` or `"flat"` or name of a `.npy` file',
     r"\.(obj|ply|serialized)$": "name of a mesh file",

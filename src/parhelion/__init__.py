@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .builtin import weekend
     from .errors import FormatError, ParhelionError, ResourceError, SceneError
     from .image import Image
-    from .io import LoadOptions, load
+    from .io import LoadOptions, load, save
     from .objects import scene_of
     from .orbit import turntable
     from .progress import Progress
@@ -50,6 +50,7 @@ _HOMES = {
     "Image": "image",
     "LoadOptions": "io",
     "load": "io",
+    "save": "io",
     "scene_of": "objects",
     "Prepared": "renderer",
     "Progress": "progress",
@@ -102,6 +103,7 @@ __all__ = [
     "load",
     "prepare",
     "render",
+    "save",
     "save_sequence",
     "scene_of",
     "turntable",

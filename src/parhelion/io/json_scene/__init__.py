@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from .reading import load
 from .schema import schema
-from .writing import dumps
+from .writing import dumps, save
 
 NAME = "Parhelion scene"
 SUFFIXES = (".json",)
 OPTIONS = ()
 
-__all__ = ["NAME", "SUFFIXES", "dumps", "load", "schema"]
+__all__ = ["NAME", "SUFFIXES", "dumps", "load", "save", "schema"]

@@ -22,6 +22,7 @@ Radiance = Annotated[float, Meta(ge=0, le=1e12)]
 Count = Annotated[int, Meta(ge=1, le=2**31 - 1)]
 Place = Annotated[int, Meta(ge=0, le=2**31 - 1)]
 # the limits of renderer.merged()
+Offset = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Side = Annotated[int, Meta(ge=1, le=65536)]
 Depth = Annotated[int, Meta(ge=1, le=2**20)]
 FilterRadius = Annotated[float, Meta(gt=0, le=32)]
@@ -51,6 +52,11 @@ def _listed(name: str) -> Meta:
 Material = Annotated[Any, _listed("Material")]
 InlineMaterial = Annotated[dict[str, Any], _listed("Material")]
 InlineTexture = Annotated[dict[str, Any], _listed("Texture")]
+# of a shape: a material, or Stored indices of the document's
+ShapeMaterial = Annotated[
+    dict[str, Any],
+    Meta(extra_json_schema={"anyOf": [{"$ref": "#/$defs/Material"}, {"$ref": "#/$defs/Stored"}]}),
+]
 Light = Annotated[Any, _listed("Light")]
 Background = Annotated[
     Any, Meta(extra_json_schema={"anyOf": [{"$ref": "#/$defs/Background"}, {"type": "null"}]})
@@ -121,15 +127,39 @@ class Blend(Struct, forbid_unknown_fields=True):
     weight: Annotated[Share | InlineTexture, _doc("share of b")] = 0.5
 
 
+class Arrays(Struct, forbid_unknown_fields=True):
+    """The side file: arrays one after the other, as they lie in memory."""
+
+    file: Annotated[Name, _doc("its name, relative to the scene's folder")]
+    bytes: Annotated[Offset, _doc("how long it is")]
+    sha256: Annotated[
+        str,
+        Meta(description="of all of it, in hexadecimal", pattern="^[0-9a-f]{64}$"),
+    ]
+
+
+class Stored(Struct, forbid_unknown_fields=True):
+    """An array in the side file, row by row, little-endian."""
+
+    shape: Annotated[list[Count], Meta(min_length=1, max_length=3, description="its size")]
+    type: Annotated[Literal["float32", "float64", "uint32"], _doc("of its numbers")]
+    at: Annotated[Offset, _doc("byte of the side file where it begins, a multiple of 64")]
+
+
 class Pixels(Struct, forbid_unknown_fields=True):
-    """An image within the document, as dumps() writes one that was an array."""
+    """An image that was an array: within the document, or in the side file."""
 
     shape: Annotated[
         list[Count],
         Meta(min_length=2, max_length=3, description="height, width and, if not 1, channels"),
     ]
     type: Annotated[Literal["uint8", "uint16", "float32"], _doc("of its numbers")]
-    data: Annotated[bytes, _doc("the numbers row by row from the top, little-endian, in base64")]
+    data: Annotated[
+        bytes | None, _doc("the numbers row by row from the top, little-endian, in base64")
+    ] = None
+    at: Annotated[
+        Offset | None, _doc("in the place of data: byte of the side file where they begin")
+    ] = None
 
 
 _IMAGE = _doc("a picture file, its name relative to the scene's folder, or the pixels themselves")
@@ -186,7 +216,9 @@ class ImageLight(CommonLight, forbid_unknown_fields=True):
 # Shapes
 
 _MATERIAL = _doc(
-    "the name of a material, a list of one name each, or a material itself", {"type": "diffuse"}
+    "the name of a material, a list of one name each, or a material itself; a stored array has "
+    "indices of the document's materials",
+    {"type": "diffuse"},
 )
 _COLORS = _doc(
     "linear RGB of each that replaces the material's own, or a .npy file of shape (N, 3)"
@@ -201,14 +233,14 @@ class Spheres(Struct, forbid_unknown_fields=True, tag_field="type", tag="spheres
     """N spheres as arrays."""
 
     centers: Annotated[
-        Annotated[list[Vec3], Meta(min_length=1)] | File,
+        Annotated[list[Vec3], Meta(min_length=1)] | File | Stored,
         _doc(f"positions: {_ROWS}"),
     ]
-    radii: Annotated[Positive | list[Positive] | File, _doc(_ONE_OR_N)] = 1.0
-    material: Annotated[Name | list[Name] | InlineMaterial, _MATERIAL] = msgspec.field(
+    radii: Annotated[Positive | list[Positive] | File | Stored, _doc(_ONE_OR_N)] = 1.0
+    material: Annotated[Name | list[Name] | ShapeMaterial, _MATERIAL] = msgspec.field(
         default_factory=_diffuse
     )
-    colors: Annotated[list[Color] | File | None, _COLORS] = None
+    colors: Annotated[list[Color] | File | Stored | None, _COLORS] = None
     name: Annotated[Name, _NAME] = model.Spheres.name
     rotation: Annotated[
         tuple[Vec3, Vec3, Vec3] | None,
@@ -221,10 +253,10 @@ class Mesh(Struct, forbid_unknown_fields=True, tag_field="type", tag="mesh"):
     """Triangles over shared vertices."""
 
     vertices: Annotated[
-        Annotated[list[Vec3], Meta(min_length=1)] | File | UnsetType, _doc(_ROWS)
+        Annotated[list[Vec3], Meta(min_length=1)] | File | Stored | UnsetType, _doc(_ROWS)
     ] = UNSET
     faces: Annotated[
-        Annotated[list[Face], Meta(min_length=1)] | File | UnsetType,
+        Annotated[list[Face], Meta(min_length=1)] | File | Stored | UnsetType,
         _doc(
             "three indices of vertices each, from 0, counter-clockwise seen from the front; "
             "or a .npy file of shape (N, 3)"
@@ -236,19 +268,20 @@ class Mesh(Struct, forbid_unknown_fields=True, tag_field="type", tag="mesh"):
     ] = None
     file_index: Annotated[Place, _doc("which mesh of a .serialized file, from 0")] = 0
     normals: Annotated[
-        list[Vec3] | Normals | None,
+        list[Vec3] | Normals | Stored | None,
         _doc(
             '"flat"; "smooth" makes them from the faces; or one shading normal for each vertex; '
             "null is the file's own, and flat without a file"
         ),
     ] = None
     uvs: Annotated[
-        list[Vec2] | File | None, _doc("u, v of each vertex, or a .npy file of shape (N, 2)")
+        list[Vec2] | File | Stored | None,
+        _doc("u, v of each vertex, or a .npy file of shape (N, 2)"),
     ] = None
-    material: Annotated[Name | list[Name] | InlineMaterial, _MATERIAL] = msgspec.field(
+    material: Annotated[Name | list[Name] | ShapeMaterial, _MATERIAL] = msgspec.field(
         default_factory=_diffuse
     )
-    colors: Annotated[list[Color] | File | None, _COLORS] = None
+    colors: Annotated[list[Color] | File | Stored | None, _COLORS] = None
     attributes: Annotated[
         dict[str, Attribute],
         _doc("numbers or colours of each vertex, vertex_NAME, or of each face, face_NAME"),
@@ -261,18 +294,19 @@ class Disks(Struct, forbid_unknown_fields=True, tag_field="type", tag="disks"):
     """N flat disks, or ellipses."""
 
     centers: Annotated[
-        Annotated[list[Vec3], Meta(min_length=1)] | File, _doc(f"positions: {_ROWS}")
+        Annotated[list[Vec3], Meta(min_length=1)] | File | Stored, _doc(f"positions: {_ROWS}")
     ]
     axis_u: Annotated[
-        list[Vec3] | File, _doc(f"from the centre to the rim, perpendicular to axis_v: {_ROWS}")
+        list[Vec3] | File | Stored,
+        _doc(f"from the centre to the rim, perpendicular to axis_v: {_ROWS}"),
     ]
     axis_v: Annotated[
-        list[Vec3] | File, _doc(f"likewise; the front is where u x v points: {_ROWS}")
+        list[Vec3] | File | Stored, _doc(f"likewise; the front is where u x v points: {_ROWS}")
     ]
-    material: Annotated[Name | list[Name] | InlineMaterial, _MATERIAL] = msgspec.field(
+    material: Annotated[Name | list[Name] | ShapeMaterial, _MATERIAL] = msgspec.field(
         default_factory=_diffuse
     )
-    colors: Annotated[list[Color] | File | None, _COLORS] = None
+    colors: Annotated[list[Color] | File | Stored | None, _COLORS] = None
     name: Annotated[Name, _NAME] = model.Disks.name
     inside_out: Annotated[bool, _INSIDE_OUT] = False
 
@@ -281,17 +315,17 @@ class Cylinders(Struct, forbid_unknown_fields=True, tag_field="type", tag="cylin
     """N round tubes without caps."""
 
     starts: Annotated[
-        Annotated[list[Vec3], Meta(min_length=1)] | File, _doc(f"of the axes: {_ROWS}")
+        Annotated[list[Vec3], Meta(min_length=1)] | File | Stored, _doc(f"of the axes: {_ROWS}")
     ]
-    ends: Annotated[list[Vec3] | File, _doc(f"of the axes: {_ROWS}")]
-    radii: Annotated[Positive | list[Positive] | File, _doc(_ONE_OR_N)] = 1.0
+    ends: Annotated[list[Vec3] | File | Stored, _doc(f"of the axes: {_ROWS}")]
+    radii: Annotated[Positive | list[Positive] | File | Stored, _doc(_ONE_OR_N)] = 1.0
     axis_u: Annotated[
-        list[Vec3] | File | None, _doc(f"direction where u is 0; null is any: {_ROWS}")
+        list[Vec3] | File | Stored | None, _doc(f"direction where u is 0; null is any: {_ROWS}")
     ] = None
-    material: Annotated[Name | list[Name] | InlineMaterial, _MATERIAL] = msgspec.field(
+    material: Annotated[Name | list[Name] | ShapeMaterial, _MATERIAL] = msgspec.field(
         default_factory=_diffuse
     )
-    colors: Annotated[list[Color] | File | None, _COLORS] = None
+    colors: Annotated[list[Color] | File | Stored | None, _COLORS] = None
     name: Annotated[Name, _NAME] = model.Cylinders.name
     inside_out: Annotated[bool, _INSIDE_OUT] = False
 
@@ -300,12 +334,12 @@ class Curves(Struct, forbid_unknown_fields=True, tag_field="type", tag="curves")
     """Strands such as hair or fibres."""
 
     points: Annotated[
-        Annotated[list[Vec3], Meta(min_length=1)] | File,
+        Annotated[list[Vec3], Meta(min_length=1)] | File | Stored,
         _doc(f"control points of all strands, one strand after the other: {_ROWS}"),
     ]
-    radii: Annotated[Positive | list[Positive] | File, _doc(_ONE_OR_N)] = 0.01
+    radii: Annotated[Positive | list[Positive] | File | Stored, _doc(_ONE_OR_N)] = 0.01
     counts: Annotated[
-        list[Count] | File | None,
+        list[Count] | File | Stored | None,
         _doc("control points of each strand, or a .npy file of shape (N,); null: a single strand"),
     ] = None
     basis: Annotated[
@@ -316,10 +350,10 @@ class Curves(Struct, forbid_unknown_fields=True, tag_field="type", tag="curves")
         Literal["round", "flat"], _doc("round: tubes; flat: ribbons that face the ray")
     ] = "round"
     capped: Annotated[bool, _doc("tubes end in half spheres; false: open")] = True
-    material: Annotated[Name | list[Name] | InlineMaterial, _MATERIAL] = msgspec.field(
+    material: Annotated[Name | list[Name] | ShapeMaterial, _MATERIAL] = msgspec.field(
         default_factory=_diffuse
     )
-    colors: Annotated[list[Color] | File | None, _COLORS] = None
+    colors: Annotated[list[Color] | File | Stored | None, _COLORS] = None
     name: Annotated[Name, _NAME] = model.Curves.name
 
 
@@ -332,7 +366,8 @@ class Instances(Struct, forbid_unknown_fields=True, tag_field="type", tag="insta
     ]
     transforms: Annotated[
         Annotated[list[Annotated[list[Vec4], Meta(min_length=3, max_length=4)]], Meta(min_length=1)]
-        | File,
+        | File
+        | Stored,
         _doc(
             "N matrices, as 3 or 4 rows of 4 numbers, from the group's frame to the scene; "
             "or a .npy file of shape (N, 3, 4) or (N, 4, 4)"
@@ -399,6 +434,23 @@ class Camera(Struct, forbid_unknown_fields=True):
     mirrored: Annotated[bool, _doc("left and right exchanged")] = model.Camera.mirrored
 
 
+class Framing(Struct, forbid_unknown_fields=True):
+    """A camera yet to be placed, as near as shows shapes whole."""
+
+    direction: Annotated[Vec3, _doc("from the shapes towards the camera, of any length but 0")] = (
+        model.Framing.direction
+    )
+    up: Annotated[Vec3, _doc("the direction that is up in the picture")] = model.Framing.up
+    vfov: Annotated[Angle, _doc("vertical field of view in degrees, from edge to edge")] = (
+        model.Framing.vfov
+    )
+    fill: Annotated[
+        float,
+        Meta(gt=0, le=1, description="share of the picture's width or height that they take"),
+    ] = model.Framing.fill
+    shapes: Annotated[list[Name], _doc("names of the shapes to show; none for all")] = []
+
+
 class Settings(Struct, forbid_unknown_fields=True):
     """Defaults for rendering; options of the command and arguments of render() override them."""
 
@@ -447,9 +499,12 @@ class Document(Struct, forbid_unknown_fields=True):
     name: Annotated[Name | None, _doc("what the scene is called; the file's name if not given")] = (
         None
     )
-    camera: Annotated[Camera | None, _doc("null or not given: all shapes, seen from the front")] = (
-        None
-    )
+    arrays: Annotated[Arrays | None, _doc("the side file that stored arrays are in")] = None
+    camera: Annotated[Camera | None, _doc("null or not given: as `framing` says")] = None
+    framing: Annotated[
+        Framing | None,
+        _doc("a camera yet to be placed; null or not given: all shapes, seen from the front"),
+    ] = None
     background: Annotated[
         Background, _doc("the light from outside the scene, or null", {"type": "gradient"})
     ] = msgspec.field(default_factory=lambda: {"type": "gradient"})

@@ -15,14 +15,17 @@ from ...errors import FormatError, SceneError
 from ...tables import LARGEST
 from .. import files
 from ..meshes import MeshData
-from .document import Pixels
+from .document import Pixels, Stored
 from .messages import clip
+from .sidefile import SideFile
 
 MESH_READERS = {".obj": "obj", ".ply": "ply", ".serialized": "serialized"}
 
 
 class Folders(files.Folders):
-    """With readers of what JSON scenes name."""
+    """With readers of what JSON scenes name. side: the scene's side file, if it has one."""
+
+    side: SideFile | None = None
 
     def file(self, name: str, where: str, beside: Path | None = None) -> Path:
         """As of any scene; but a path that leaves the folder, if only to return, on any system, is
@@ -60,28 +63,41 @@ class Folders(files.Folders):
                 f"(N, {', '.join(map(str, shape))})" if shape else "(N,)" for shape in shapes
             )
             raise SceneError(f"{where}: {shown!r} has shape {array.shape}; must be {wanted}")
-        kinds, noun = ("iu", "whole") if whole else ("fiu", "real")
-        if array.dtype.kind not in kinds:
-            raise SceneError(f"{where}: {shown!r} holds {array.dtype}; must be {noun} numbers")
-        if len(array) == 0:
-            raise SceneError(f"{where}: {shown!r} is empty")
         single = array.dtype.kind == "f" and array.dtype.itemsize <= 4
         kind = np.int64 if whole else np.float32 if single else np.float64
-        high = 2**31 - 1 if whole else LARGEST
-        for extreme in (array.argmin(), array.argmax()):  # both find a NaN if there is one
-            number = array.flat[extreme].item()
-            if not low <= number <= high:
-                place = "".join(f"[{i}]" for i in np.unravel_index(extreme, array.shape))
-                rule = "> 0" if 0 < low < 1 else f">= {low:g}"
-                raise SceneError(
-                    f"{where}: {shown!r}: {place} is {number:g}; must be {rule} and <= {high:g}"
-                )
+        _check(array, low, whole, f"{where}: {shown!r}")
         return np.array(array, dtype=kind, order="C")
+
+    def stored(
+        self,
+        place: Stored,
+        shapes: Sequence[tuple[int, ...]],
+        low: float,
+        whole: bool,
+        where: str,
+    ) -> NDArray[Any]:
+        """An array of the side file, N of one of `shapes`, of the type that it has there."""
+        if tuple(place.shape[1:]) not in shapes:
+            wanted = " or ".join(str(["N", *shape]).replace("'", "") for shape in shapes)
+            raise SceneError(f"{where}.shape: is {place.shape}; must be {wanted}")
+        array = self._from_side(place.shape, place.type, place.at, where)
+        _check(array, low, whole, where)
+        return array
+
+    def _from_side(self, shape: list[int], kind: str, at: int, where: str) -> NDArray[Any]:
+        if self.side is None:
+            raise SceneError(f"{where}: is in a side file, which $.arrays does not name")
+        return self.side.array(shape, kind, at, where)
 
     def image(self, value: str | Pixels, where: str) -> str | NDArray[Any]:
         """The path of a picture, or pixels that the document holds itself."""
         if isinstance(value, str):
             return str(self.file(value, where))
+        if (value.data is None) == (value.at is None):
+            raise SceneError(f"{where}: needs 'data' or 'at', one of them")
+        if value.at is not None:
+            return self._from_side(value.shape, value.type, value.at, where)
+        assert value.data is not None
         size = prod(value.shape) * np.dtype(value.type).itemsize
         if len(value.data) != size:
             raise SceneError(
@@ -110,3 +126,19 @@ class Folders(files.Folders):
             raise SceneError(f"{where}: {shown!r} cannot be read: {reason}") from None
         assert isinstance(data, MeshData)
         return data
+
+
+def _check(array: NDArray[Any], low: float, whole: bool, where: str) -> None:
+    """Raises SceneError unless all are numbers in [low, LARGEST], and there are some."""
+    kinds, noun = ("iu", "whole") if whole else ("fiu", "real")
+    if array.dtype.kind not in kinds:
+        raise SceneError(f"{where} holds {array.dtype}; must be {noun} numbers")
+    if len(array) == 0:
+        raise SceneError(f"{where} is empty")
+    high = 2**31 - 1 if whole else LARGEST
+    for extreme in (array.argmin(), array.argmax()):  # both find a NaN if there is one
+        number = array.flat[extreme].item()
+        if not low <= number <= high:
+            place = "".join(f"[{i}]" for i in np.unravel_index(extreme, array.shape))
+            rule = "> 0" if 0 < low < 1 else f">= {low:g}"
+            raise SceneError(f"{where}: {place} is {number:g}; must be {rule} and <= {high:g}")

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Struct
 
 from ...errors import SceneError, unknown_name
-from .document import SHAPES, Camera, Pixels, Settings
+from .document import SHAPES, Arrays, Camera, Framing, Pixels, Settings, Stored
 
 _WORDS = {
     "int": "an integer",
@@ -24,7 +24,14 @@ _WORDS = {
     "object": "an object",
 }
 # objects by the name of the field that holds them; a shape tells its own type
-_BLOCKS: dict[str, type[Struct]] = {"camera": Camera, "settings": Settings, "image": Pixels}
+_BLOCKS: dict[str, type[Struct]] = {
+    **{f.name: Stored for shape in SHAPES.values() for f in msgspec.structs.fields(shape)},
+    "arrays": Arrays,
+    "camera": Camera,
+    "framing": Framing,
+    "settings": Settings,
+    "image": Pixels,
+}
 
 
 def convert(value: Any, kind: Any, where: str) -> Any:
@@ -32,7 +39,7 @@ def convert(value: Any, kind: Any, where: str) -> Any:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        block = kind if isinstance(kind, type) and issubclass(kind, Struct) else Struct
+        block = kind if isinstance(kind, type) and issubclass(kind, Struct) else Stored
         raise SceneError(invalid(str(error), lambda: value, where, block)) from None
 
 

@@ -11,7 +11,7 @@ from ... import scene as model
 from ... import tables
 from ...errors import FormatError, SceneError
 from .. import LoadOptions
-from . import shapes, source
+from . import shapes, sidefile, source
 from .document import Document
 from .entries import Entries
 from .files import Folders
@@ -34,7 +34,10 @@ def load(path: Path, options: LoadOptions) -> model.Scene:
 
 
 def parse(data: bytes, folders: Folders) -> model.Scene:
-    """The scene that a text describes; its name is "" if the text gives none."""
+    """The scene that a text describes; its name is "" if the text gives none.
+
+    The side file is folders.side if there is one, else the one that the text names.
+    """
     # Numbers too large for a float would be refused without a place where no type is known; float()
     # makes them infinite, and what reads them names them.
     decoder = msgspec.json.Decoder(float_hook=float)
@@ -55,6 +58,9 @@ def parse(data: bytes, folders: Folders) -> model.Scene:
         raise SceneError(text) from None
     except msgspec.DecodeError as error:
         raise SceneError(malformed(str(error), data)) from None
+    if document.arrays is not None and folders.side is None:
+        file = folders.file(document.arrays.file, "$.arrays.file")
+        folders.side = sidefile.read(file, document.arrays, "$.arrays")
     entries = Entries(document.materials, folders)
     scene = model.Scene(
         name=document.name or "",
@@ -76,8 +82,13 @@ def parse(data: bytes, folders: Folders) -> model.Scene:
     return scene
 
 
-def _camera(document: Document) -> model.Camera | None:
-    camera = document.camera
+def _camera(document: Document) -> model.Camera | model.Framing | None:
+    camera, framing = document.camera, document.framing
+    if camera is not None and framing is not None:
+        raise SceneError("$: has both 'camera' and 'framing'; give one of them")
+    if framing is not None:
+        members = msgspec.structs.asdict(framing)
+        return model.Framing(**members | {"shapes": tuple(framing.shapes)})
     if camera is None:
         return None
     if camera.fov is not None and camera.vfov is not None:

@@ -41,6 +41,13 @@ def schema() -> Schema:
             "properties": {"file": {"type": "string"}, "vertices": False, "faces": False},
         },
     ]
+    definitions["Pixels"]["oneOf"] = [
+        {
+            "required": [given],
+            "properties": {given: {"not": {"type": "null"}}, other: {"type": "null"}},
+        }
+        for given, other in (("data", "at"), ("at", "data"))
+    ]
     definitions |= {"Material": {"anyOf": [*common, blend]}}
     for name, kind in (("Texture", "textures"), ("Light", "lights"), ("Background", "backgrounds")):
         listed = [_entry(e, COMMON[kind][e.image], definitions) for e in names[kind].values()]

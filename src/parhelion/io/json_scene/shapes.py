@@ -26,6 +26,7 @@ from .document import (
     Number,
     Numbers2or3,
     Spheres,
+    Stored,
 )
 from .entries import Entries
 from .messages import clip, convert, member, unknown_choice
@@ -84,6 +85,7 @@ _ARRAYS: dict[type[Struct], dict[str, _Array]] = {
     Instances: {"transforms": _Array(((3, 4), (4, 4)))},
 }
 ARRAY_FIELDS = {name for fields in _ARRAYS.values() for name in fields}
+WHOLE_FIELDS = {name for f in _ARRAYS.values() for name, spec in f.items() if spec.whole}
 
 # what a mesh's normals may be besides an array
 _NORMALS = ("smooth", "flat")
@@ -93,7 +95,7 @@ _MATERIALS_OF = {Spheres: "centers", Mesh: "faces", Disks: "centers", Cylinders:
 
 
 # the values of a mesh's attribute
-VALUES = Annotated[list[Number | Numbers2or3], Meta(min_length=1)] | File
+VALUES = Annotated[list[Number | Numbers2or3], Meta(min_length=1)] | File | Stored
 
 
 def read(block: Struct, entries: Entries, where: str) -> Any:
@@ -103,7 +105,7 @@ def read(block: Struct, entries: Entries, where: str) -> Any:
         _take_file(members, entries, where)
     for name, spec in _ARRAYS[type(block)].items():
         value = members[name]
-        if isinstance(value, (list, str)) and not (name == "normals" and value in _NORMALS):
+        if isinstance(value, (list, str, Stored)) and not (name == "normals" and value in _NORMALS):
             members[name] = value = _array(value, spec, entries, f"{where}.{name}")
         if spec.of and isinstance(value, np.ndarray):
             _check_count(len(value), members, spec.of, f"{where}.{name}")
@@ -181,8 +183,12 @@ def _finish_mesh(members: dict[str, Any], where: str) -> None:
 # Arrays and materials
 
 
-def _array(value: list[Any] | str, spec: _Array, entries: Entries, where: str) -> NDArray[Any]:
+def _array(
+    value: list[Any] | str | Stored, spec: _Array, entries: Entries, where: str
+) -> NDArray[Any]:
     """Numbers of the document come as float64 or int64, and their types have checked them."""
+    if isinstance(value, Stored):
+        return entries.folders.stored(value, spec.shapes, spec.low, spec.whole, where)
     if isinstance(value, str):
         return entries.folders.array(value, spec.shapes, spec.low, spec.whole, where)
     kind = np.int64 if spec.whole else np.float64
@@ -199,13 +205,23 @@ def _array(value: list[Any] | str, spec: _Array, entries: Entries, where: str) -
 
 def _material(
     block: Struct, members: Mapping[str, Any], entries: Entries, where: str
-) -> str | model.Material | NDArray[np.int32]:
+) -> str | model.Material | NDArray[Any]:
     value, shape = members["material"], clip(members["name"])
+    if isinstance(value, dict) and "at" in value:
+        indices = _array(convert(value, Stored, where), _Array(_ONE, 0, whole=True), entries, where)
+        most = int(indices.max())
+        if most >= len(entries.names):
+            raise SceneError(
+                f"{where}: has index {most}; the document has {len(entries.names)} materials"
+            )
+        value = indices
     if isinstance(value, dict):
         return entries.material(value, where)
+    if isinstance(value, (list, np.ndarray)) and type(block) in _MATERIALS_OF:
+        _check_count(len(value), members, _MATERIALS_OF[type(block)], where)
+    if isinstance(value, np.ndarray):
+        return value
     if isinstance(value, list):
-        if type(block) in _MATERIALS_OF:
-            _check_count(len(value), members, _MATERIALS_OF[type(block)], where)
         number = {name: i for i, name in enumerate(entries.names)}
         indices = np.fromiter(map(number.get, value, repeat(-1)), np.int32, len(value))
         first = int(np.argmin(indices)) if len(value) else 0  # -1 where there is no such name
