@@ -252,11 +252,11 @@ def test_version_and_help(tmp_path: Path) -> None:
     done = parhelion("--version", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (0, f"parhelion {ph.__version__}\n")
     done = parhelion("--help", cwd=tmp_path)
-    for name in ("render", "info", "study"):
+    for name in ("render", "convert", "info", "study"):
         assert re.search(rf"^ +{name} ", done.stdout, re.M), name
 
 
-@pytest.mark.parametrize("command", ["render", "info", "study"])
+@pytest.mark.parametrize("command", ["render", "convert", "info", "study"])
 def test_every_option_has_its_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         cli.main([command, "--help"])
@@ -267,6 +267,7 @@ def test_every_option_has_its_help(command: str, capsys: pytest.CaptureFixture[s
         "render": "--output --bits --width --height --spp --max-depth --threads --seed --sampler"
         " --crop --quiet --log-level --color-by --colormap --radius --tree --schedule --features"
         " --integrator --ao-distance --strict --allow-path",
+        "convert": "--strict --allow-path --up --view --quiet",
         "info": "--materials --strict --allow-path",
         "study": "--threads --widths --aspect --spp --scene --repeat --tree --sampler --schedule",
     }

@@ -6,6 +6,7 @@ import json
 import os
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ import numpy as np
 import pytest
 
 import parhelion as ph
+from parhelion import cli
 from parhelion.flatten import flatten
 from parhelion.image import encoded
+from parhelion.io.meshes import ply
 
 RANDOM = np.random.default_rng(7)
 
@@ -269,3 +272,137 @@ def test_what_cannot_be_saved(tmp_path: Path) -> None:
     with pytest.raises(ph.ResourceError, match="cannot be written: No such file or directory"):
         ph.save(ph.Scene(), tmp_path / "none" / "a.json")
     assert list(tmp_path.iterdir()) == []
+
+
+# --- PLY -----------------------------------------------------------------------------------------
+
+
+def test_a_mesh_as_ply_is_the_same_to_the_last_bit(tmp_path: Path) -> None:
+    mesh = replace(torus(), material=ph.Material("diffuse"))
+    ph.save(ph.Scene([mesh], background=None), tmp_path / "a.ply", strict=True)
+    (again, *_) = ph.load(tmp_path / "a.ply").shapes
+    for name in ("vertices", "faces", "normals", "uvs"):
+        assert np.array_equal(getattr(again, name), getattr(mesh, name)), name
+    assert np.array_equal(picture(ph.load(tmp_path / "a.ply")), picture(ph.scene_of(mesh, up="y")))
+
+
+def test_colours_of_meshes_as_ply(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    mesh = torus()
+    names = {"painted": ph.Material("metal", color=(1, 0, 0)), "gold": ph.Material("diffuse")}
+    ph.save(ph.Scene([mesh], names, background=None), tmp_path / "a.ply")
+    assert caplog.messages == [
+        "a.ply: materials: PLY has colours only; all else is left out",
+    ]
+    colors = ph.load(tmp_path / "a.ply").shapes[0].attributes["face_color"]
+    assert np.array_equal(colors[0], [1, 0, 0])
+    # half of a step of 8-bit sRGB next to white is 0.0045
+    np.testing.assert_allclose(colors[-1], 0.8, atol=0.0045)
+    by_vertex = np.linspace(0, 1, 3 * len(mesh.vertices)).reshape(-1, 3)
+    shown = ph.Material("diffuse", color=ph.Texture("attribute", name="vertex_color"))
+    fields = {"vertex_color": by_vertex, "vertex_wind": by_vertex, "face_age": np.arange(576)}
+    mesh = replace(mesh, material=shown, attributes=fields)
+    ph.save(ph.Scene([mesh], background=None), tmp_path / "a.ply", strict=True)
+    again = ply.read(tmp_path / "a.ply").attributes
+    np.testing.assert_allclose(again["vertex_color"], by_vertex, atol=0.0045)
+    np.testing.assert_array_equal(again["vertex_wind"], np.float32(by_vertex))
+    np.testing.assert_array_equal(again["face_age"], np.arange(576))
+
+
+def test_copies_as_ply_are_multiplied_out(tmp_path: Path) -> None:
+    flat = ph.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="flat")
+    turns = np.stack([np.eye(4)[:3], np.diag([-1.0, 2.0, 1.0, 1.0])[:3]])
+    turns[1, 2, 3] = 5.0
+    scene = ph.Scene([ph.Instances([flat], turns), replace(flat, inside_out=True)], background=None)
+    ph.save(scene, tmp_path / "a.ply", strict=True)
+    found = ply.read(tmp_path / "a.ply")
+    corners = found.vertices[found.faces]
+    assert np.array_equal(corners[1], [[0, 2, 5], [-1, 0, 5], [0, 0, 5]])
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.array_equal(np.sign(normals[:, 2]), [1, 1, -1])
+    assert found.normals is None
+    # beside a mesh that has normals, flat faces get their own
+    scene = ph.Scene([flat, replace(flat, normals=[[0, 0, 1]] * 3)], background=None)
+    ph.save(scene, tmp_path / "a.ply", strict=True)
+    assert np.array_equal(ply.read(tmp_path / "a.ply").normals, [[0, 0, 1]] * 6)
+
+
+def test_spheres_as_ply_are_points(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    balls = full_scene().shapes[1]
+    names = full_scene().materials
+    ph.save(ph.Scene([balls], names, background=None), tmp_path / "a.ply")
+    assert [m.split(":")[1] for m in caplog.messages] == [" textures", " materials"]
+    again = ph.load(tmp_path / "a.ply").shapes[0]
+    assert np.array_equal(again.centers, np.float32(balls.centers))
+    assert np.array_equal(again.radii, np.float32(balls.radii))
+    np.testing.assert_allclose(again.colors, balls.colors, atol=0.0045)
+
+
+def test_what_ply_cannot_hold_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    scene = full_scene()
+    mesh, balls, disks, strands, _ = scene.shapes
+    rest = scene.replace(shapes=(mesh, balls, disks, strands), camera=ph.Camera())
+    ph.save(rest, tmp_path / "a.ply")
+    assert [m.split(": ")[1] for m in caplog.messages] == [
+        "curves",
+        "disks",
+        "spheres",
+        "camera",
+        "lights and background",
+        "textures",
+        "materials",
+    ]
+    before = (tmp_path / "a.ply").read_bytes()
+    with pytest.raises(ph.FormatError, match=r"strict, and not all of it is supported:\n  curves"):
+        ph.save(rest, tmp_path / "a.ply", strict=True)
+    with pytest.raises(ph.SceneError, match="the scene has no mesh and no spheres"):
+        ph.save(scene.replace(shapes=[strands]), tmp_path / "a.ply")
+    with pytest.raises(ph.FormatError, match="has copies of cylinders"):
+        ph.save(scene, tmp_path / "a.ply")
+    many = ph.Instances([mesh], np.tile(np.eye(4), (200_000, 1, 1)))
+    with pytest.raises(ph.FormatError, match="the copies make more than 100,000,000 triangles"):
+        ph.save(scene.replace(shapes=[many]), tmp_path / "a.ply")
+    assert (tmp_path / "a.ply").read_bytes() == before
+
+
+# --- parhelion convert ---------------------------------------------------------------------------
+
+
+def test_convert(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, out = tmp_path / "a.xyz", tmp_path / "b.json"
+    source.write_text("3\nwater\nO 0 0 0.1\nH 0 0.76 -0.47\nH 0 -0.76 -0.47\n")
+    assert cli.main(["convert", str(source), str(out), "--radius", "covalent"]) == 0
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert re.fullmatch(rf"{re.escape(str(out))}: 2 shapes in \d+\.\d\d s\n", said.err)
+    # JSON files get no light when they are read, so that of particles is written
+    options = ph.LoadOptions(radius="covalent")
+    assert np.array_equal(picture(ph.load(out)), picture(ph.load(source, options)))
+    # PLY files do
+    assert cli.main(["convert", str(source), str(tmp_path / "b.ply"), "-q"]) == 0
+    assert capsys.readouterr().err == ""
+    assert [s.name for s in ph.load(tmp_path / "b.ply").shapes] == ["particles", "key light"]
+
+
+def test_convert_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = tmp_path / "a.json"
+    ph.save(full_scene(), source)
+    before = {p: p.read_bytes() for p in tmp_path.iterdir()}
+    link = tmp_path / "same.json"
+    link.symlink_to(source)
+    for words, reason in (
+        (["a.json", "same.json"], "same.json: is the file to convert; give the result another"),
+        (["none.json", "b.json"], "none.json: no such file"),
+        (["a.json", "b.png"], "b.png: unknown ending of a scene to write '.png' (choices: "),
+        (["a.json", "b.ply"], "has copies of cylinders"),
+        (["a.json", "x/b.json"], "b.json: cannot be written: No such file or directory"),
+        (["a.json", "b.json", "--time", "3"], "the option 'time' is not for Parhelion scene"),
+    ):
+        paths = [str(tmp_path / w) for w in words[:2]]
+        assert cli.main(["convert", *paths, *words[2:]]) == 2
+        said = capsys.readouterr().err
+        assert reason in said
+        assert said.startswith("parhelion: error: ")
+    link.unlink()
+    assert {p: p.read_bytes() for p in tmp_path.iterdir()} == before
+    with pytest.raises(SystemExit):
+        cli.main(["convert", str(source)])

@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     from .builtin import weekend
     from .errors import FormatError, ParhelionError, ResourceError, SceneError
     from .image import Image
-    from .io import LoadOptions, load, save
+    from .io import LoadOptions, load
     from .objects import scene_of
     from .orbit import turntable
     from .progress import Progress
     from .renderer import Prepared, prepare, render
+    from .saving import save
     from .scene import (
         Background,
         Camera,
@@ -50,7 +51,7 @@ _HOMES = {
     "Image": "image",
     "LoadOptions": "io",
     "load": "io",
-    "save": "io",
+    "save": "saving",
     "scene_of": "objects",
     "Prepared": "renderer",
     "Progress": "progress",

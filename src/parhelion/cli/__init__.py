@@ -16,9 +16,9 @@ from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import ParhelionError
-from . import info, render, study
+from . import convert, info, render, study
 
-COMMANDS = (render, info, study)
+COMMANDS = (render, convert, info, study)
 
 EXIT_MISTAKE = 2
 EXIT_INTERRUPTED = 130

@@ -12,14 +12,17 @@ if TYPE_CHECKING:
     from ..scene import Scene
 
 
-def add_loading(parser: argparse.ArgumentParser) -> None:
-    """What a file is and how its particles should look."""
-    parser.add_argument(
-        "scene",
-        nargs="?",
-        metavar="SCENE",
-        help="scene or particle file; without one, the built-in scene `weekend`",
-    )
+def add_loading(parser: argparse.ArgumentParser, required: bool = False) -> None:
+    """What a file is and how its particles should look. required: there is no built-in one."""
+    if required:
+        parser.add_argument("scene", metavar="IN", help="scene or particle file")
+    else:
+        parser.add_argument(
+            "scene",
+            nargs="?",
+            metavar="SCENE",
+            help="scene or particle file; without one, the built-in scene `weekend`",
+        )
     group = parser.add_argument_group("scene files")
     group.add_argument(
         "-D",

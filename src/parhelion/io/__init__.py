@@ -27,9 +27,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ..errors import FormatError, ResourceError, SceneError, unknown_name
+from ..errors import FormatError, SceneError, unknown_name
 from ..scene import Scene
-from .files import Reports
 
 # suffix -> module; the one list that a new format is added to
 FORMATS: dict[str, str] = {
@@ -54,13 +53,6 @@ FORMATS: dict[str, str] = {
     ".usda": "usd",
     ".usdc": "usd",
     ".usdz": "usd",
-}
-
-# suffix -> module of those that are written too, which have
-#     save(scene: Scene, path: pathlib.Path, reports: Reports) -> None
-# and tell the reports, before they write, what the format cannot hold
-WRITERS: dict[str, str] = {
-    ".json": "json_scene",
 }
 
 # where other packages list theirs
@@ -126,8 +118,12 @@ class LoadOptions:
             raise SceneError(f"defines is {self.defines!r}; must be a dict")
 
 
-def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Scene:
+def load(
+    path: str | os.PathLike[str], options: LoadOptions | None = None, *, studio: bool = True
+) -> Scene:
     """Reads a scene or a particle file; which format is told by the ending of its name.
+
+    studio: what lacks a view and light, and is of a format whose files often do, gets some.
 
     Raises FormatError for a file that is missing, broken or of no known format.
     """
@@ -173,40 +169,9 @@ def load(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Sc
         view=options.view,
         environment=options.environment,
         ground=options.ground,
-        bare=getattr(module, "BARE", False),
+        bare=studio and getattr(module, "BARE", False),
         glow=getattr(module, "GLOW", 0.0),
     )
-
-
-def save(scene: Scene, path: str | os.PathLike[str], *, strict: bool = False) -> None:
-    """Writes a scene; which format is told by the ending of the file's name.
-
-    What the format cannot hold is logged as warnings, one line a feature; with `strict` it is an
-    error. A file that is already there is whole until the new one is complete. Raises SceneError
-    for a scene that cannot be written, FormatError for an ending that is not written, and
-    ResourceError for what the system refuses.
-    """
-    if not isinstance(scene, Scene):
-        raise SceneError(f"a Scene is needed, not {type(scene).__name__}")
-    try:
-        file = Path(path)
-    except TypeError:
-        raise SceneError(f"a path is needed, not {type(path).__name__}") from None
-    ending = check_writable(file)
-    try:
-        import_module(f".{WRITERS[ending]}", __name__).save(scene, file, Reports(file, strict))
-    except MemoryError:
-        raise ResourceError(f"{file}: cannot be written: not enough memory") from None
-
-
-def check_writable(file: Path) -> str:
-    """The ending of a file that save() can write. Raises FormatError for others."""
-    ending = file.suffix.lower()
-    if ending not in WRITERS:
-        raise FormatError(f"{file}: {unknown_name('ending of a scene to write', ending, WRITERS)}")
-    if file.is_dir():
-        raise FormatError(f"{file}: is a folder")
-    return ending
 
 
 def _module(ending: str, file: Path) -> Any:

@@ -18,6 +18,7 @@ from ..errors import FormatError, SceneError, unknown_name
 from ..scene import Material, Mesh, Scene, Texture
 from ..studio import axis, framing
 from . import COMPRESSED, LoadOptions
+from .files import Reports
 from .meshes import MeshData, smooth_normals, split_at_creases
 
 NAME = "mesh"
@@ -52,6 +53,13 @@ def load(path: Path, options: LoadOptions) -> Scene:
             raise FormatError(f"{path}: {error}") from None
     up = axis(options.up or _UP.get(kind, "y"))
     return Scene([mesh], camera=framing(up), background=None, name=path.name)
+
+
+def save(scene: Scene, path: Path, reports: Reports) -> None:
+    """Writes a PLY file: docs/meshes.md. Raises SceneError, ResourceError."""
+    from .meshes import ply_writing
+
+    ply_writing.save(scene, path, reports)
 
 
 def finite(path: Path, data: MeshData) -> None:
