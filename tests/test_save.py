@@ -5,19 +5,24 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 import parhelion as ph
 from parhelion import cli
 from parhelion.flatten import flatten
+from parhelion.framing import bounds
 from parhelion.image import encoded
+from parhelion.io.gltf import solids
 from parhelion.io.meshes import ply
+from parhelion.spectra import decode_srgb
+from parhelion.studio import dressed, framing
 
 RANDOM = np.random.default_rng(7)
 
@@ -231,7 +236,7 @@ def test_stored_numbers_are_checked_as_others_are(stored: Path) -> None:
     stored.write_text(json.dumps(document))
     assert "is in a side file, which $.arrays does not name" in refusal(stored)
     scene = ph.Scene([ph.Spheres(np.full((20, 3), np.nan))])
-    with pytest.raises(ph.SceneError, match=re.escape("$.shapes[0].centers: [0][0] is nan")):
+    with pytest.raises(ph.SceneError, match=r"shape 'spheres': centers\[0\] is not finite"):
         ph.save(scene, stored)
 
 
@@ -356,12 +361,321 @@ def test_what_ply_cannot_hold_is_named(tmp_path: Path, caplog: pytest.LogCapture
         ph.save(rest, tmp_path / "a.ply", strict=True)
     with pytest.raises(ph.SceneError, match="the scene has no mesh and no spheres"):
         ph.save(scene.replace(shapes=[strands]), tmp_path / "a.ply")
-    with pytest.raises(ph.FormatError, match="has copies of cylinders"):
+    with pytest.raises(ph.SceneError, match="has copies of cylinders"):
         ph.save(scene, tmp_path / "a.ply")
     many = ph.Instances([mesh], np.tile(np.eye(4), (200_000, 1, 1)))
-    with pytest.raises(ph.FormatError, match="the copies make more than 100,000,000 triangles"):
+    with pytest.raises(ph.SceneError, match="the copies make more than 100,000,000 triangles"):
         ph.save(scene.replace(shapes=[many]), tmp_path / "a.ply")
     assert (tmp_path / "a.ply").read_bytes() == before
+
+
+# --- glTF ----------------------------------------------------------------------------------------
+
+LIT = {"background": None, "camera": ph.Camera((0.5, 3.0, 5.0), (0.0, 0.0, 0.0), vfov=35.0)}
+
+
+def alone(scene: ph.Scene) -> list[Any]:
+    """The shapes of a scene without the lamp that dark ones get."""
+    return [s for s in scene.shapes if s.name != "key light"]
+
+
+def triangles(shapes: Sequence[Any]) -> np.ndarray:
+    """(N, 3, 3) corners of all meshes, copies included."""
+    found = []
+    for shape in shapes:
+        parts = shape.shapes if isinstance(shape, ph.Instances) else [shape]
+        turns = shape.transforms if isinstance(shape, ph.Instances) else np.eye(4)[None]
+        for part in parts:
+            corners = np.asarray(part.vertices, np.float64)[np.asarray(part.faces)]
+            for turn in np.asarray(turns):
+                found.append(corners @ turn[:3, :3].T + turn[:3, 3])
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("ending", ["glb", "gltf"])
+def test_a_mesh_as_gltf_gives_the_same_picture(tmp_path: Path, ending: str) -> None:
+    pixels = RANDOM.integers(0, 256, (8, 8, 3), np.uint8)
+    image = ph.Texture("image", image=pixels, transform=[[0, 2, 0.1], [-3, 0, 0.2], [0, 0, 1]])
+    materials = {
+        "painted": ph.Material("principled", color=image, normal_map=image),
+        "gold": ph.Material("principled", metallic=1.0, color=(0.9, 0.7, 0.2), roughness=0.3),
+    }
+    scene = ph.Scene([torus()], materials, **LIT)
+    ph.save(scene, tmp_path / f"a.{ending}", strict=True)
+    again = ph.load(tmp_path / f"a.{ending}")
+    # v runs down in glTF, and 1 - (1 - v) is v but for 2^-25: so are texture coordinates
+    shown = np.abs(picture(again, spp=8) - picture(dressed(scene, bare=True), spp=8))
+    assert np.quantile(shown, 0.99) < 1e-5
+    assert shown.max() < 2e-3
+    assert np.array_equal(triangles(alone(again)), triangles([torus()]))
+    mesh = trimesh.load(tmp_path / f"a.{ending}")
+    assert sorted(len(g.faces) for g in mesh.geometry.values()) == [288, 288]
+    names = {g.visual.material.name for g in mesh.geometry.values()}
+    assert names == set(materials)
+
+
+NUMBER = ph.Texture("image", image=RANDOM.integers(0, 256, (4, 4), np.uint8), channel="g")
+COLOR = ph.Texture("image", image=RANDOM.integers(0, 256, (4, 4, 3), np.uint8), color_space="srgb")
+EVERYTHING = ph.Material(
+    "principled",
+    color=(0.5, 0.25, 0.125),
+    metallic=0.5,
+    roughness=0.25,
+    ior=1.4,
+    specular=0.75,
+    specular_color=(0.5, 1.0, 1.0),
+    transmission=0.5,
+    absorption=(0.5, 1.0, 2.0),
+    clearcoat=0.5,
+    clearcoat_roughness=0.125,
+    sheen_color=(0.5, 0.5, 0.25),
+    sheen_roughness=0.75,
+    iridescence=0.5,
+    iridescence_ior=1.5,
+    iridescence_thickness=300.0,
+    emission=(4.0, 2.0, 1.0),
+    opacity=0.5,
+)
+
+
+@pytest.mark.parametrize(
+    ("given", "read"),
+    [
+        (EVERYTHING, EVERYTHING),
+        (
+            ph.Material("principled", anisotropy=0.5, anisotropy_rotation=30.0, roughness=0.5),
+            {"anisotropy": 0.5, "anisotropy_rotation": 30.0, "roughness": 0.5},
+        ),
+        (
+            ph.Material("diffuse", color=(0.5, 0.5, 0.5)),
+            {"color": (0.5, 0.5, 0.5), "metallic": 0.0, "specular": 0.0},
+        ),
+        (
+            ph.Material("dielectric", ior=1.25, color=(0.5, 0.5, 1.0), roughness=0.5),
+            {"transmission": 1.0, "ior": 1.25, "color": (0.5, 0.5, 1.0), "roughness": 0.5},
+        ),
+        (ph.Material("dielectric", ior=0.8), {"ior": 1.25, "transmission": 1.0}),
+        (
+            ph.Material("thin_dielectric", transmittance=(0.5, 1, 1)),
+            ph.Material("thin_dielectric", ior=1.5, transmittance=(0.5, 1.0, 1.0)),
+        ),
+        (
+            ph.Material("plastic", color=(0.5, 0, 0), ior=1.6),
+            {"color": (0.5, 0.0, 0.0), "ior": 1.6, "metallic": 0.0},
+        ),
+        (
+            ph.Material("emissive", radiance=(2, 4, 8)),
+            {"emission": (2.0, 4.0, 8.0), "two_sided_emission": True, "color": (0.0, 0.0, 0.0)},
+        ),
+        (ph.Material("null"), {"opacity": 0.0}),
+        (
+            ph.Material(
+                "blend",
+                a=ph.Material("principled", color=(0.5, 0.5, 0.5)),
+                b=ph.Material("thin_dielectric", transmittance=(0.5, 0.5, 0.5)),
+                weight=0.25,
+            ),
+            {"weight": 0.25},
+        ),
+    ],
+)
+def test_materials_as_gltf(tmp_path: Path, given: ph.Material, read: Any) -> None:
+    ph.save(ph.Scene([replace(torus(), material=given)], **LIT), tmp_path / "a.glb", strict=True)
+    (found,) = ph.load(tmp_path / "a.glb").materials.values()
+    wanted = read.params if isinstance(read, ph.Material) else read
+    assert isinstance(read, dict) or found.type == read.type
+    for name, value in wanted.items():
+        # as float32, if not exactly
+        np.testing.assert_allclose(found.params[name], value, rtol=3e-4, err_msg=name)
+
+
+def test_images_as_gltf_are_stored_as_they_are(tmp_path: Path) -> None:
+    wide = ph.Texture("image", image=RANDOM.random((4, 4, 3), np.float32), color_space="linear")
+    given = ph.Material(
+        "principled",
+        color=COLOR,
+        roughness=NUMBER,
+        metallic=ph.Texture("multiply", color0=NUMBER, color1=(0.5, 0.5, 0.5)),
+        opacity=ph.Texture("checker", color0=(1, 1, 1), color1=(0.25, 0.25, 0.25)),
+        emission=ph.Texture("multiply", color0=wide, color1=(8.0, 8.0, 8.0)),
+        clearcoat=0.5,
+        clearcoat_roughness=NUMBER,
+    )
+    ph.save(ph.Scene([replace(torus(), material=given)], **LIT), tmp_path / "a.glb")
+    (found,) = ph.load(tmp_path / "a.glb").materials.values()
+    p = found.params
+    grey = NUMBER.params["image"][:, :, None]
+    assert np.array_equal(p["roughness"].params["image"][:, :, 1:2], grey)
+    assert np.array_equal(p["metallic"].params["color0"].params["image"][:, :, 2:], grey)
+    assert p["metallic"].params["color1"] == (0.5, 0.5, 0.5)
+    assert np.array_equal(p["clearcoat_roughness"].params["image"], grey)
+    light = p["emission"].params["color0"].params["image"] / 65535.0
+    assert p["emission"].params["color1"] == (8.0, 8.0, 8.0)
+    np.testing.assert_allclose(decode_srgb(light), wide.params["image"], atol=4e-5)
+
+
+def test_colours_of_faces_and_vertices_as_gltf(tmp_path: Path) -> None:
+    mesh = torus()
+    shown = ph.Material("diffuse", color=ph.Texture("attribute", name="vertex_color"))
+    by_vertex = RANDOM.random((len(mesh.vertices), 3), np.float32)
+    by_face = RANDOM.random((len(mesh.faces), 3), np.float32)
+    ph.save(
+        ph.Scene(
+            [
+                replace(mesh, material=shown, attributes={"vertex_color": by_vertex}),
+                replace(mesh, material=ph.Material("metal"), colors=by_face, inside_out=True),
+            ],
+            **LIT,
+        ),
+        tmp_path / "a.glb",
+        strict=True,
+    )
+    one, other = alone(ph.load(tmp_path / "a.glb"))
+    assert np.array_equal(one.attributes["vertex_color"], by_vertex)
+    corners = np.asarray(other.faces)
+    assert np.array_equal(other.attributes["vertex_color"][corners[:, 1]], by_face)
+    assert np.array_equal(np.asarray(other.vertices)[corners], triangles([mesh])[:, ::-1])
+    assert np.array_equal(np.asarray(other.normals)[corners][:, ::-1], -mesh.normals[mesh.faces])
+
+
+def test_round_things_as_gltf_are_meshes(tmp_path: Path) -> None:
+    """Their silhouettes are polygons of 64 sides, 0.12 % of the radius within the circle."""
+    checker = ph.Texture("checker", transform=[[4, 0, 0], [0, 2, 0]])
+    names = {"c": ph.Material("diffuse", color=checker), "p": ph.Material("principled")}
+    scene = ph.Scene(
+        [
+            ph.Spheres(
+                [[0, 0, 0], [1.5, 0, 0], [-1.5, 0, 0]],
+                [1, 0.5, 0.5],
+                ["c", "p", "p"],
+                [[0.5, 0.5, 0.5], [1, 0, 0], [0, 1, 0]],
+                rotation=np.eye(3)[[1, 2, 0]],
+            ),
+            ph.Disks([[0, -1, 0]], [[0, 0, 2]], [[3, 0, 0]], "c"),
+            ph.Cylinders([[-1, -1, 1]], [[1.5, 1, 1]], 0.2, [[0, 0, 1]], "c"),
+        ],
+        names,
+        **LIT,
+    )
+    # the first sphere's own colour replaces the checker
+    ph.save(scene, tmp_path / "a.glb", strict=True)
+    again = ph.load(tmp_path / "a.glb")
+    both = [picture(s, spp=16, width=96, height=64) for s in (dressed(scene, bare=True), again)]
+    assert np.abs(both[0].mean(axis=(0, 1)) - both[1].mean(axis=(0, 1))).max() < 4e-3
+    assert np.abs(both[0] - both[1]).mean() < 0.02
+    low, high = bounds(again.replace(shapes=alone(again), camera=None))
+    np.testing.assert_allclose([low, high], [[-3, -1.0, -2], [3, 1.0, 2]], atol=0.19)
+
+
+def test_large_spheres_have_more_sides() -> None:
+    assert [solids.sides(r, 0.2) for r in (0.1, 0.2, 0.3, 1.0, 1000.0)] == [64, 64, 128, 256, 1024]
+
+
+@pytest.mark.parametrize("count", [3, 1500])
+def test_copies_as_gltf_are_nodes_or_instances(tmp_path: Path, count: int) -> None:
+    turns = np.tile(np.eye(4), (count, 1, 1))
+    angle = RANDOM.uniform(0, 6, count)
+    turns[:, 0, 0] = turns[:, 2, 2] = np.cos(angle)
+    turns[:, 0, 2], turns[:, 2, 0] = np.sin(angle), -np.sin(angle)
+    turns[:, :3, :3] *= RANDOM.uniform(0.5, 2, (count, 1, 3))
+    turns[1, :, 0] *= -1.0  # one is mirrored
+    turns[2, :3, :3] += RANDOM.normal(size=(3, 3)) * 0.3  # and one skewed
+    turns[:, :3, 3] = RANDOM.normal(size=(count, 3))
+    part = ph.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]], [[0, 1, 2]], name="part")
+    ph.save(ph.Scene([ph.Instances([part], turns)], **LIT), tmp_path / "a.glb", strict=True)
+    found = triangles(alone(ph.load(tmp_path / "a.glb")))
+    wanted = triangles([ph.Instances([part], turns)])
+    assert len(found) == count
+    # in float32, and in another order
+    order = [np.lexsort(np.round(x[:, 0], 4).T) for x in (found, wanted)]
+    np.testing.assert_allclose(found[order[0]], wanted[order[1]], atol=2e-5)
+
+
+def test_lights_and_cameras_as_gltf(tmp_path: Path) -> None:
+    lights = (
+        ph.Light("point", intensity=(20, 30, 40), position=(1, 2, 3)),
+        ph.Light(
+            "spot",
+            intensity=(9, 9, 9),
+            position=(0, 5, 0),
+            direction=(1, -2, 0),
+            cutoff_angle=40.0,
+            beam_width=20.0,
+        ),
+        ph.Light("directional", irradiance=(3, 2, 1), direction=(0, -1, 0)),
+    )
+    for camera in (
+        ph.Camera((4, 5, 6), (1, 1, 0), vfov=33.0, mirrored=True),
+        ph.Camera((4, 5, 6), (1, 1, 0), (0, 1, 0.1), fov=33.0),
+        ph.Camera((4, 5, 6), (1, 1, 0), projection="orthographic", height=3.0),
+    ):
+        size = ph.Settings(width=320, height=240)
+        scene = ph.Scene([torus()], full_scene().materials, camera, None, size, lights=lights)
+        ph.save(scene, tmp_path / "a.glb")
+        again = ph.load(tmp_path / "a.glb")
+        assert (again.settings.width, again.settings.height) == (640, 480)
+        found = again.camera
+        np.testing.assert_allclose(found.eye, camera.eye, rtol=1e-6)
+        back = np.subtract(camera.eye, camera.target)
+        towards = np.subtract(found.eye, found.target)
+        np.testing.assert_allclose(towards, back / np.linalg.norm(back), atol=1e-6)
+        assert (found.projection, found.mirrored) == (camera.projection, camera.mirrored)
+        if camera.projection == "orthographic":
+            assert found.height == pytest.approx(3.0)
+        else:
+            # between the first and last pixel's centres: docs/camera.md
+            slope = np.tan(np.radians(33 / 2)) * (240 / 319 if camera.fov else 1.0)
+            assert found.vfov == pytest.approx(2 * np.degrees(np.arctan(slope)))
+        for light, other in zip(lights, again.lights, strict=True):
+            assert light.type == other.type
+            for name, value in light.params.items():
+                value = np.asarray(value) / (np.sqrt(5) if value == (1, -2, 0) else 1)
+                np.testing.assert_allclose(other.params[name], value, atol=1e-6, err_msg=name)
+
+
+def test_up_is_y_in_gltf(tmp_path: Path) -> None:
+    mesh = ph.Mesh([[0, 0, 0], [1, 0, 0], [0, 0, 2]], [[0, 1, 2]])
+    mesh = replace(mesh, material=ph.Material("principled"))
+    scene = ph.Scene([mesh], camera=framing((0.0, 0.0, 1.0)), background=None)
+    ph.save(scene, tmp_path / "a.glb", strict=True)
+    again = ph.load(tmp_path / "a.glb")
+    assert np.array_equal(triangles(alone(again))[0], [[0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    assert replace(again.camera, shapes=()) == framing()  # which is not written
+    # random directions are turned with the scene, but not all into those of before
+    shown = [picture(s, spp=64) for s in (again, dressed(scene, bare=True))]
+    np.testing.assert_allclose(*shown, atol=0.03)
+    assert abs(shown[0].mean() - shown[1].mean()) < 1e-3
+
+
+def test_what_gltf_cannot_hold_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    scene = full_scene()
+    camera = ph.Camera(aperture_radius=0.1, shift=(0.1, 0.0))
+    glass = ph.Material("dielectric", priority=2, back="gold", bump_map=COLOR)
+    names = scene.materials | {"gold": glass}
+    lights = (ph.Light("directional", angle=0.5), ph.Light("sky"))
+    scene = scene.replace(camera=camera, materials=names, lights=lights)
+    ph.save(scene, tmp_path / "a.glb")
+    assert sorted(m.removeprefix("a.glb: ").split(":")[0] for m in caplog.messages) == [
+        "another material of the back",
+        "background 'envmap'",
+        "blend",
+        "bump maps",
+        "camera",
+        "camera",
+        "curves",
+        "diffuse",
+        "directional lights of some width",
+        "light 'sky'",
+        "priorities of glass in glass",
+        "textures of what glTF has a number for",
+    ]
+    before = (tmp_path / "a.glb").read_bytes()
+    with pytest.raises(ph.FormatError, match="strict, and not all of it is supported"):
+        ph.save(scene, tmp_path / "a.glb", strict=True)
+    scene = scene.replace(camera=ph.Camera(projection="fisheye"))
+    with pytest.raises(ph.FormatError, match="camera 'fisheye': not in glTF"):
+        ph.save(scene, tmp_path / "a.glb", strict=True)
+    assert (tmp_path / "a.glb").read_bytes() == before
 
 
 # --- parhelion convert ---------------------------------------------------------------------------

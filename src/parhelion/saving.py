@@ -15,8 +15,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .errors import FormatError, ResourceError, SceneError, unknown_name
-from .flatten import flatten
+from .flatten import Flat, flatten
 from .io.files import Reports
 from .scene import Scene
 
@@ -24,6 +26,8 @@ from .scene import Scene
 WRITERS: dict[str, str] = {
     ".json": "json_scene",
     ".ply": "mesh_file",
+    ".gltf": "gltf",
+    ".glb": "gltf",
 }
 
 
@@ -40,11 +44,28 @@ def save(scene: Scene, path: str | os.PathLike[str], *, strict: bool = False) ->
     except TypeError:
         raise SceneError(f"a path is needed, not {type(path).__name__}") from None
     ending = check_writable(file)
-    flatten(scene)  # for its checks: arrays fit together, names are known, pictures can be read
     try:
+        # arrays fit together, names are known, pictures can be read
+        _check_finite(flatten(scene))
         _module(ending).save(scene, file, Reports(file, strict))
+    except SceneError as error:
+        if str(error).startswith(str(file)):
+            raise
+        raise SceneError(f"{file}: cannot be written: {error}") from error
     except MemoryError:
         raise ResourceError(f"{file}: cannot be written: not enough memory") from None
+
+
+def _check_finite(flat: Flat) -> None:
+    """Raises SceneError for a number of a shape that is none, which not all formats can hold."""
+    for group in flat.parts["groups"]:
+        for shape in group:
+            for key, values in shape.items():
+                array = np.asarray(values)
+                if array.dtype.kind == "f" and not np.isfinite(array).all():
+                    broken = ~np.isfinite(array).reshape(len(array), -1).all(axis=1)
+                    place = f"{key}[{int(np.argmax(broken))}]"
+                    raise SceneError(f"shape {shape['name']!r}: {place} is not finite")
 
 
 def check_writable(file: Path) -> str:

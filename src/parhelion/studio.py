@@ -106,7 +106,7 @@ def dressed(
         scene = scene.replace(camera=replace(scene.camera, shapes=about))
     if environment is not None:
         # A panorama's y axis is up, and z, in its middle, points away from the camera's front.
-        turn = _frame(up) * [-1.0, 1.0, -1.0]
+        turn = upright(up) * [-1.0, 1.0, -1.0]
         scene = scene.replace(
             background=Background("envmap", image=environment, transform=turn.tolist())
         )
@@ -124,7 +124,7 @@ def framing(up: Vec3 = (0.0, 1.0, 0.0), view: str = "default") -> Framing:
     """
     if view not in VIEWS:
         raise SceneError(unknown_name("view", view, VIEWS))
-    right, above, front = _frame(up).T
+    right, above, front = upright(up).T
     azimuth, elevation = (radians(angle) for angle in VIEWS[view])
     level = cos(azimuth) * front + sin(azimuth) * right
     if abs(VIEWS[view][1]) == 90.0:
@@ -153,8 +153,8 @@ def up_of(scene: Scene) -> Vec3:
     return _tuple(np.eye(3)[axis] * np.sign(camera.up[axis]))
 
 
-def _frame(up: Vec3) -> NDArray[np.float64]:
-    """Columns: right, up and front, of unit length."""
+def upright(up: Vec3) -> NDArray[np.float64]:
+    """(3, 3), its columns right, up and front, of unit length."""
     above = np.array(up, np.float64) / np.linalg.norm(up)
     front = np.array([0.0, -1.0, 0.0] if abs(above[2]) > 0.7 else [0.0, 0.0, 1.0])
     front -= above * (front @ above)
@@ -252,7 +252,7 @@ def _ground(scene: Scene, up: Vec3) -> list[Disks]:
     axis = int(np.argmax(np.abs(up)))
     center = middle.copy()
     center[axis] = low[axis] if up[axis] > 0 else high[axis]
-    right, _, front = _frame(up).T * (_GROUND_SIZE * radius)
+    right, _, front = upright(up).T * (_GROUND_SIZE * radius)
     albedo = Material("diffuse", color=(_GROUND_ALBEDO,) * 3)
     return [Disks([_tuple(center)], [_tuple(front)], [_tuple(right)], albedo, None, "ground")]
 

@@ -3,7 +3,8 @@
 What maps to what, and what does not, is written in docs/gltf.md. `schema` has the document's
 objects, `source` the file, its buffers and its errors, `accessors` the arrays; `nodes` places what
 `meshes` makes, at a time of the animations if one is asked for; `materials`, `images` and `lights`
-make the rest, and `reader` puts it all together.
+make the rest, and `reader` puts it all together. `writing` goes the other way, with `building`,
+`out_materials` and `solids`.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 
 from ...scene import Scene
 from .. import LoadOptions
+from ..files import Reports
 
 NAME = "glTF"
 SUFFIXES = (".gltf", ".glb")
@@ -32,3 +34,10 @@ def load(path: Path, options: LoadOptions) -> Scene:
 
     with np.errstate(all="ignore"):  # what is not finite is looked for, and named
         return Reader(path, options).scene()
+
+
+def save(scene: Scene, path: Path, reports: Reports) -> None:
+    """Writes a .glb or .gltf file. Raises SceneError, ResourceError."""
+    from . import writing
+
+    writing.save(scene, path, reports)

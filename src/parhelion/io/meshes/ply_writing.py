@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ... import tables
 from ...atomic import replacing
-from ...errors import FormatError, SceneError, unknown_name
+from ...errors import SceneError, unknown_name
 from ...image import srgb_encoded
 from ...scene import Instances, Material, Mesh, Scene, Shape, Spheres, Texture
 from ..files import Reports
@@ -31,7 +31,7 @@ Columns = dict[str, NDArray[Any]]
 
 def save(scene: Scene, path: Path, reports: Reports) -> None:
     """Writes the scene; see io.save. Raises SceneError, ResourceError."""
-    solids = list(_solids(scene.shapes, path))
+    solids = list(_solids(scene.shapes))
     meshes = [s for s in solids if isinstance(s, Mesh)]
     spheres = [s for s in solids if isinstance(s, Spheres)]
     others = {type(s).__name__.lower() for s in solids} - {"mesh", "spheres"}
@@ -40,7 +40,7 @@ def save(scene: Scene, path: Path, reports: Reports) -> None:
     if meshes and spheres:
         reports.add("spheres: a PLY file has triangles or points; left out")
     if not meshes and not spheres:
-        raise SceneError(f"{path}: cannot be written: the scene has no mesh and no spheres")
+        raise SceneError("the scene has no mesh and no spheres")
     used = meshes or spheres
     _report(scene, used, reports)
     elements = _mesh(scene, meshes, reports) if meshes else {"vertex": _points(scene, spheres)}
@@ -87,7 +87,7 @@ def _values(material: Material) -> Iterator[Any]:
             yield from _values(value)
 
 
-def _solids(shapes: Sequence[Shape], path: Path) -> Iterator[Any]:
+def _solids(shapes: Sequence[Shape]) -> Iterator[Any]:
     """All shapes, copies multiplied out."""
     count = 0
     for shape in shapes:
@@ -98,15 +98,13 @@ def _solids(shapes: Sequence[Shape], path: Path) -> Iterator[Any]:
         for part in shape.shapes:
             if not isinstance(part, Mesh):
                 kind = type(part).__name__.lower()
-                raise FormatError(
-                    f"{path}: cannot be written: shape {shape.name!r} has copies of {kind}; only"
+                raise SceneError(
+                    f"shape {shape.name!r} has copies of {kind}; only"
                     " copies of meshes are multiplied out"
                 )
             count += len(np.asarray(part.faces)) * len(matrices)
             if count > _MOST:
-                raise FormatError(
-                    f"{path}: cannot be written: the copies make more than {_MOST:,} triangles"
-                )
+                raise SceneError(f"the copies make more than {_MOST:,} triangles")
             for matrix in matrices:
                 yield _moved(part, matrix)
 
