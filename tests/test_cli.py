@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
 import fcntl
 import gzip
@@ -24,7 +25,7 @@ import numpy as np
 import pytest
 
 import parhelion as ph
-from parhelion import cli, tables
+from parhelion import cli, contents, tables
 from picture_tools import read_picture
 
 COMMAND = [sys.executable, "-m", "parhelion"]
@@ -198,9 +199,9 @@ def test_parameters_strictness_and_folders_reach_the_reader(
     assert cli.main(["info", "a.xml"]) == 2
     assert "--allow-path" in capsys.readouterr().err
     assert cli.main(["info", "a.xml", *allow]) == 0
-    assert "settings   40x20" in capsys.readouterr().out
+    assert "settings: 40x20" in capsys.readouterr().out
     assert cli.main(["info", "a.xml", *allow, "-D", "size=50", "-Dsize=60"]) == 0
-    assert "settings   60x20" in capsys.readouterr().out
+    assert "settings: 60x20" in capsys.readouterr().out
     strange = [*allow, "-D", "kind=velvet"]
     assert cli.main(["info", "a.xml", *strange, "--strict"]) == 2
     assert "velvet" in capsys.readouterr().err
@@ -282,12 +283,14 @@ def test_info_of_a_scene_file(tmp_path: Path) -> None:
     done = parhelion("info", "two.json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     text = done.stdout
-    assert re.search(r"^  spheres +2  ", text, re.M)
-    assert "bounds     (-1, -1, -1) to (2.5, 1, 1)" in text
-    assert "camera     automatic: eye" in text
-    assert "settings   100x50, 3 spp" in text
-    assert "0.27 MiB film" in text
-    assert re.search(r"^hash +[0-9a-f]{64}$", text, re.M)
+    assert text.startswith("two\n├── file: two.json, 0.2 KiB, read in ")
+    box = re.escape("(-1, -1, -1) to (2.5, 1, 1)")
+    assert re.search(rf"^├── shapes: 1, 2 primitives, {box}$", text, re.M)
+    assert re.search(rf"^│   └── spheres: 2 spheres; of diffuse; {box}$", text, re.M)
+    assert "── camera: automatic, eye" in text
+    assert "── settings: 100x50, 3 spp\n" in text
+    assert "0.27 MiB film; tree of " in text
+    assert re.search(r"^└── hash: [0-9a-f]{64}$", text, re.M)
 
 
 def test_info_of_particles_and_of_the_built_in_scene(
@@ -295,11 +298,11 @@ def test_info_of_particles_and_of_the_built_in_scene(
 ) -> None:
     (tmp_path / "water.xyz").write_text(XYZ)
     assert cli.main(["info", str(tmp_path / "water.xyz")]) == 0
-    assert re.search(r"^  spheres +3  ", capsys.readouterr().out, re.M)
+    assert "── particles: 3 spheres, colors; of diffuse; " in capsys.readouterr().out
     assert cli.main(["info"]) == 0
     text = capsys.readouterr().out
-    assert text.startswith("scene      weekend\n")
-    assert "bounds     (-1000, -2000, -1000) to (1000, 2, 1000)" in text
+    assert text.startswith("weekend\n├── shapes: 7, ")
+    assert "primitives, (-1000, -2000, -1000) to (1000, 2, 1000)\n" in text
 
 
 def test_info_lists_every_material_and_parameter(capsys: pytest.CaptureFixture[str]) -> None:
@@ -335,18 +338,117 @@ def test_info_lists_every_kind_of_shape(tmp_path: Path, capsys: pytest.CaptureFi
     scene.write_text(scene_text(shapes=shapes, lights=[{"type": "point"}], background=None))
     assert cli.main(["info", str(scene)]) == 0
     text = capsys.readouterr().out
-    for kind, count, name in (
-        ("triangles", 1, "mesh"),
-        ("disks", 1, "disks"),
-        ("cylinders", 1, "cylinders"),
-        ("curves", 2, "curves"),
-        ("copies", 3, "instances"),
-        ("  spheres", 1, "ball"),
+    for line in (
+        "│   ├── mesh: 1 triangle, 3 vertices; of diffuse; (0, 0, 0) to (1, 1, 0)",
+        "│   ├── disks: 1 disk; of diffuse 2; (-1, -1, 0) to (1, 1, 2)",
+        "│   ├── cylinders: 1 cylinder; of diffuse 2; (-1, -1, -1) to (1, 1, 2)",
+        "│   ├── curves: 2 segments; of diffuse 2; (-0.01, -0.01, -0.01) to (1.01, 1.01, 0.01)",
+        "│   └── instances: 3 copies, 3 primitives; (-1, -1, -1) to (1, 1, 1)",
+        "│       └── ball: 1 sphere; of diffuse 2; (-1, -1, -1) to (1, 1, 1)",
+        "│   ├── diffuse: diffuse, color by ramp, used by mesh",
+        "│   └── diffuse 2: diffuse, used by disks, cylinders, curves, ball",
+        "├── lights: 1 point; 1 with shapes that shine",
+        "├── background: none",
     ):
-        assert re.search(rf"^  {kind} +{count}  {name}$", text, re.M), kind
-    assert "textures   1, 0 images\n" in text
-    assert re.search(r"^lights +1$", text, re.M)
-    assert "background none\n" in text
+        assert f"{line}\n" in text, line
+    assert "images" not in text
+
+
+def test_info_of_images_and_of_what_is_not_supported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pixels = {"shape": [4, 8, 3], "type": "uint8", "data": base64.b64encode(bytes(96)).decode()}
+    wood = {"type": "image", "image": pixels}
+    color = {"type": "multiply", "color0": wood, "color1": [0.5, 0.5, 0.5]}
+    named = {
+        "floor": {"type": "diffuse", "color": color, "normal_map": wood, "back": "spare"},
+        "spare": {"type": "metal"},
+        "unused": {"type": "blend", "a": "spare", "b": "spare", "weight": 0.25},
+    }
+    (tmp_path / "a.json").write_text(scene_text(materials=named))
+    assert cli.main(["info", str(tmp_path / "a.json")]) == 0
+    text = capsys.readouterr().out
+    for line in (
+        "│   ├── floor: diffuse, color by multiply image, normal_map by image image, not used",
+        "│   ├── spare: metal, used by material floor, material unused",
+        "│   ├── unused: blend, not used",
+        "├── images: 2, 0.2 KiB",
+        "│   ├── image: 8x4x3 uint8, 0.1 KiB, used by floor",
+    ):
+        assert f"{line}\n" in text, line
+    (tmp_path / "a.xml").write_text(
+        '<scene version="3.0.0"><shape type="sphere"><bsdf type="hair"/></shape></scene>'
+    )
+    assert cli.main(["info", str(tmp_path / "a.xml")]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert re.search(r"├── not supported: 1\n│   └── .*hair", said.out)
+
+
+def test_info_of_many_things_stays_short(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ball = {"type": "spheres", "centers": [[0, 0, 0], [1, 0, 0]], "name": "b" * 100}
+    tube = {"type": "cylinders", "starts": [[0, 0, 0]], "ends": [[0, 0, 1]]}
+    (tmp_path / "a.json").write_text(scene_text(shapes=[ball, tube] * 500))
+    assert cli.main(["info", str(tmp_path / "a.json")]) == 0
+    text = capsys.readouterr().out
+    assert len(text.splitlines()) < 32
+    assert "│   └── ... and 984 more: 492 spheres, 492 cylinders, 1,476 primitives\n" in text
+    assert f"── {'b' * 57}...: 2 spheres" in text
+    assert cli.main(["info", str(tmp_path / "a.json"), "--all"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) > 1000
+    monkeypatch.setattr(contents, "MOST_FOR_A_TREE", 1000)
+    assert cli.main(["info", str(tmp_path / "a.json")]) == 0
+    assert "film; of so many primitives no tree is built here" in capsys.readouterr().out
+
+
+def test_info_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    triangle = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2]]}
+    shape = {"type": "mesh", **triangle, "attributes": {"face_age": [3]}}
+    copies = {"type": "instances", "shapes": [shape], "transforms": [np.eye(4).tolist()] * 3}
+    (tmp_path / "a.json").write_text(scene_text(shapes=[copies], lights=[{"type": "point"}]))
+    assert cli.main(["info", str(tmp_path / "a.json"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    page = Path(__file__).parent.parent / "docs" / "reference.md"
+    table = page.read_text(encoding="utf-8").partition("### parhelion info")[2]
+    listed = re.findall(r"^\| `(\w+)` \|", table.partition("\n### ")[0], re.M)
+    assert list(found) == listed
+    assert found["file"]["bytes"] == (tmp_path / "a.json").stat().st_size
+    assert (found["primitives"], found["shown"]) == (1, 3)
+    assert found["shapes"] == [
+        {
+            "type": "instances",
+            "name": "instances",
+            "count": 3,
+            "shown": 3,
+            "bounds": [[0, 0, 0], [1, 1, 0]],
+            "shapes": [
+                {
+                    "type": "mesh",
+                    "name": "mesh",
+                    "count": 1,
+                    "unit": "triangles",
+                    "shown": 1,
+                    "bounds": [[0, 0, 0], [1, 1, 0]],
+                    "materials": ["diffuse"],
+                    "colors": False,
+                    "vertices": 3,
+                    "normals": False,
+                    "uvs": False,
+                    "attributes": ["face_age"],
+                }
+            ],
+        }
+    ]
+    assert found["materials"] == [
+        {"name": "diffuse", "type": "diffuse", "textures": [], "used_by": ["mesh"]}
+    ]
+    assert found["lights"] == [{"type": "point"}]
+    assert found["camera"]["framed"]
+    assert found["settings"]["spp"] == 64
+    assert cli.main(["info", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["file"] is None
 
 
 def test_info_shows_a_name_that_the_terminal_can_not(tmp_path: Path) -> None:

@@ -3,20 +3,42 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+import io
+import json
+import logging
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from . import options
+
+if TYPE_CHECKING:
+    from rich.tree import Tree
+
+# Things of one kind that are listed; of more, the first ones and the sum of all others
+_LISTED = 16
+# Characters of a name
+_LONGEST = 60
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Adds the command."""
     p = commands.add_parser(
         "info",
-        help="print counts, bounds and memory of a scene",
-        description="Prints what a scene or particle file holds: counts, bounds, memory.",
+        help="show what is in a scene",
+        description="Shows what a scene or particle file holds, as a tree: shapes, materials,"
+        " images, lights, what is not supported, memory.",
     )
     options.add_loading(p)
-    p.add_argument(
+    form = p.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="all of it, for programs")
+    form.add_argument(
+        "--all", action="store_true", help=f"list all things of a kind, not the first {_LISTED}"
+    )
+    form.add_argument(
         "--materials",
         action="store_true",
         help="instead: the types of materials, textures and lights, with their parameters",
@@ -27,59 +49,228 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints to stdout."""
-    print(_materials() if args.materials else _scene(args))
+    if args.materials:
+        print(_materials())
+        return 0
+    found = _contents(args)
+    if args.json:
+        print(json.dumps(found, indent=1))
+    else:
+        print(_Text(found, None if args.all else _LISTED).tree())
     return 0
 
 
-def _scene(args: argparse.Namespace) -> str:
-    import numpy as np
+def _contents(args: argparse.Namespace) -> dict[str, Any]:
+    """What there is to say of a file."""
+    from ..contents import contents
 
-    from ..framing import bounds, placed
-    from ..renderer import prepare
-    from ..scene import Camera
-
-    scene = options.load_scene(args)
+    start = time.perf_counter()
+    with _warnings() as unsupported:
+        scene = options.load_scene(args)
+    seconds = time.perf_counter() - start
     with options.naming(args):
-        prepared = prepare(scene)
-    stats = prepared.core.stats()
-    low, high = bounds(scene)
-    settings = scene.settings
-    chosen = "" if isinstance(scene.camera, Camera) else "automatic: "
-    camera = placed(scene, settings.width / settings.height)
-
-    def point(v: object) -> str:
-        return "(" + ", ".join(f"{float(x):.6g}" for x in np.asarray(v)) + ")"
-
-    def mib(size: float) -> str:
-        return f"{size / 2**20:,.2f} MiB"
-
-    parts = prepared.flat.parts
-    lines = [f"scene      {scene.name}"]
-    for record in parts["groups"][-1]:  # the scene itself; before it is what instances copy
-        lines.append(_shape(record, "  "))
-        if "group" in record:
-            lines += [_shape(part, "    ") for part in parts["groups"][record["group"]]]
-    if np.all(np.isfinite(high - low)):
-        lines.append(f"bounds     {point(low)} to {point(high)}")
-    lines += [
-        f"materials  {len(parts['materials'])}",
-        f"textures   {len(parts['textures'])}, {len(parts['images'])} images",
-        f"lights     {stats['lights']:,}",
-        f"background {'none' if scene.background is None else scene.background.type}",
-        f"camera     {chosen}eye {point(camera.eye)}, target {point(camera.target)}",
-        f"settings   {settings.width}x{settings.height}, {settings.spp} spp",
-        f"tree       {stats['nodes']:,} nodes, {stats['leaves']:,} leaves,"
-        f" built in {prepared.seconds:.3f} s",
-        f"memory     {mib(stats['bytes'])} scene,"
-        f" {mib(settings.width * settings.height * 56)} film",
-        f"hash       {prepared.flat.sha256()}",
-    ]
-    return "\n".join(lines)
+        found = contents(scene)
+    file = None
+    if args.scene is not None:
+        file = {"path": str(args.scene), "bytes": Path(args.scene).stat().st_size}
+    return {"file": file, "seconds": seconds, **found, "unsupported": unsupported}
 
 
-def _shape(record: dict[str, Any], indent: str) -> str:
-    kind = "copies" if record["kind"] == "instance" else f"{record['kind']}s"
-    return f"{indent}{kind:<{12 - len(indent)}} {record['count']:>10,}  {record['name']}"
+@contextmanager
+def _warnings() -> Iterator[list[str]]:
+    """What is warned of within the block, in the place of stderr."""
+    log = logging.getLogger("parhelion")
+    found: list[str] = []
+
+    class Keep(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            # without the file's name
+            args = record.args
+            pair = isinstance(args, tuple) and len(args) == 2
+            found.append(str(args[1]) if pair else record.getMessage())  # type: ignore[index]
+
+    handler = Keep(logging.WARNING)
+    level, propagates = log.level, log.propagate
+    log.addHandler(handler)
+    log.setLevel(min(level or logging.WARNING, logging.WARNING))
+    log.propagate = False
+    try:
+        yield found
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+        log.propagate = propagates
+
+
+class _Text:
+    """The tree of a scene's contents. most: things of a kind that are listed; None is all."""
+
+    def __init__(self, found: dict[str, Any], most: int | None) -> None:
+        self.found = found
+        self.most = most
+
+    def tree(self) -> str:
+        """The text."""
+        from rich.console import Console
+        from rich.tree import Tree
+
+        f = self.found
+        root = Tree(_line(_clip(f["name"])))
+        if f["file"]:
+            size, seconds = _size(f["file"]["bytes"]), f["seconds"]
+            root.add(_line(f"file: {f['file']['path']}, {size}, read in {seconds:.2f} s"))
+        shapes = root.add(_line(f"shapes: {_count(len(f['shapes']))}{self._totals()}"))
+        self._list(shapes, f["shapes"], self._shape, _others)
+        if f["materials"]:
+            self._list(
+                root.add(_line(f"materials: {_count(len(f['materials']))}")),
+                f["materials"],
+                self._material,
+                lambda rest: ", ".join(_kinds(rest)),
+            )
+        if f["images"]:
+            total = sum(image["bytes"] for image in f["images"])
+            self._list(
+                root.add(_line(f"images: {_count(len(f['images']))}, {_size(total)}")),
+                f["images"],
+                self._image,
+                lambda rest: _size(sum(image["bytes"] for image in rest)),
+            )
+        lights = ", ".join(_kinds(f["lights"])) or "none"
+        shining = f"; {_count(f['emitters'])} with shapes that shine" if f["emitters"] else ""
+        root.add(_line(f"lights: {lights}{shining}"))
+        root.add(_line(f"background: {f['background'] or 'none'}"))
+        root.add(_line(f"camera: {_camera(f['camera'])}"))
+        s = f["settings"]
+        root.add(_line(f"settings: {s['width']}x{s['height']}, {s['spp']} spp"))
+        if f["unsupported"]:
+            branch = root.add(_line(f"not supported: {_count(len(f['unsupported']))}"))
+            self._list(branch, f["unsupported"], lambda t, x: t.add(_line(x)), lambda _: "")
+        root.add(_line(f"memory: {self._memory()}"))
+        root.add(_line(f"hash: {f['hash']}"))
+        # what the terminal cannot show becomes escapes; lines of the tree, ASCII
+        text = type("Text", (io.StringIO,), {"encoding": sys.stdout.encoding})()
+        Console(file=text, soft_wrap=True, width=1000).print(root)
+        return str(text.getvalue()).rstrip("\n")
+
+    def _list(
+        self,
+        branch: Tree,
+        things: Sequence[Any],
+        show: Callable[[Tree, Any], object],
+        rest: Callable[[Sequence[Any]], str],
+    ) -> None:
+        """The first things, and what the others are together."""
+        most = len(things) if self.most is None or len(things) == self.most + 1 else self.most
+        for thing in things[:most]:
+            show(branch, thing)
+        if len(things) > most:
+            others = rest(things[most:])
+            colon = ": " if others else ""
+            branch.add(_line(f"... and {_count(len(things) - most)} more{colon}{others}"))
+
+    def _totals(self) -> str:
+        f = self.found
+        box = f["bounds"]
+        text = f", {_count(f['primitives'])} primitives"
+        if f["shown"] != f["primitives"]:
+            text += f", {_count(f['shown'])} with all copies"
+        return text + (f", {_box(box)}" if box else "")
+
+    def _shape(self, branch: Tree, shape: dict[str, Any]) -> None:
+        name, box = _clip(shape["name"]), shape["bounds"]
+        place = f"; {_box(box)}" if box else ""
+        if shape["type"] == "instances":
+            text = f"{name}: {_count(shape['count'])} copies"
+            inner = branch.add(_line(f"{text}, {_count(shape['shown'])} primitives{place}"))
+            self._list(inner, shape["shapes"], self._shape, _others)
+            return
+        unit = shape["unit"].removesuffix("s") if shape["count"] == 1 else shape["unit"]
+        parts = [f"{_count(shape['count'])} {unit}"]
+        if "vertices" in shape:
+            parts.append(f"{_count(shape['vertices'])} vertices")
+            parts += [n for n in ("normals", "uvs") if shape[n]]
+            parts += [_clip(n) for n in shape["attributes"][:4]]
+        if shape["colors"]:
+            parts.append("colors")
+        made = _names(shape["materials"])
+        branch.add(_line(f"{name}: {', '.join(parts)}; of {made}{place}"))
+
+    def _material(self, branch: Tree, material: dict[str, Any]) -> None:
+        textures = [
+            f"{t['parameter']} by {t['type']}"
+            + (f" {_clip(Path(t['images'][0]).name)}" if t["images"] else "")
+            for t in material["textures"]
+        ]
+        used = f"used by {_names(material['used_by'])}" if material["used_by"] else "not used"
+        parts = [material["type"], *textures, used]
+        branch.add(_line(f"{_clip(material['name'])}: {', '.join(parts)}"))
+
+    def _image(self, branch: Tree, image: dict[str, Any]) -> None:
+        size = f"{image['width']}x{image['height']}x{image['channels']} {image['type']}"
+        used = _names(image["used_by"])
+        name = _clip(Path(image["name"]).name)
+        branch.add(_line(f"{name}: {size}, {_size(image['bytes'])}, used by {used}"))
+
+    def _memory(self) -> str:
+        tree, film = self.found["tree"], _size(self.found["film"])
+        if tree is None:
+            return f"{film} film; of so many primitives no tree is built here"
+        return (
+            f"{_size(tree['bytes'])} scene, {film} film; tree of {_count(tree['nodes'])} nodes,"
+            f" {_count(tree['leaves'])} leaves in {tree['seconds']:.2f} s"
+        )
+
+
+def _line(text: str) -> Any:
+    from rich.text import Text
+
+    return Text(text.replace("\n", " "), no_wrap=True)
+
+
+def _clip(name: str) -> str:
+    return name if len(name) <= _LONGEST else f"{name[: _LONGEST - 3]}..."
+
+
+def _count(number: int) -> str:
+    return f"{number:,}"
+
+
+def _size(count: int) -> str:
+    return f"{count / 2**20:,.2f} MiB" if count >= 2**17 else f"{count / 2**10:,.1f} KiB"
+
+
+def _point(values: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{x:.6g}" for x in values) + ")"
+
+
+def _box(box: Sequence[Sequence[float]]) -> str:
+    return f"{_point(box[0])} to {_point(box[1])}"
+
+
+def _names(names: Sequence[str]) -> str:
+    """At most four names."""
+    shown = ", ".join(_clip(name) for name in names[:4])
+    return shown if len(names) <= 4 else f"{shown} and {len(names) - 4:,} more"
+
+
+def _kinds(things: Sequence[dict[str, Any]]) -> list[str]:
+    """How many there are of each type."""
+    counts: dict[str, int] = {}
+    for thing in things:
+        counts[thing["type"]] = counts.get(thing["type"], 0) + 1
+    return [f"{_count(n)} {kind}" for kind, n in counts.items()]
+
+
+def _others(shapes: Sequence[dict[str, Any]]) -> str:
+    shown = sum(shape["shown"] for shape in shapes)
+    return f"{', '.join(_kinds(shapes))}, {_count(shown)} primitives"
+
+
+def _camera(camera: dict[str, Any]) -> str:
+    chosen = "automatic, " if camera["framed"] else ""
+    kind = "" if camera["projection"] == "perspective" else f"{camera['projection']}, "
+    return f"{chosen}{kind}eye {_point(camera['eye'])}, target {_point(camera['target'])}"
 
 
 def _materials() -> str:
