@@ -433,6 +433,7 @@ EVERYTHING = ph.Material(
     iridescence=0.5,
     iridescence_ior=1.5,
     iridescence_thickness=300.0,
+    dispersion=0.25,
     emission=(4.0, 2.0, 1.0),
     opacity=0.5,
 )
@@ -458,6 +459,10 @@ EVERYTHING = ph.Material(
         (
             ph.Material("thin_dielectric", transmittance=(0.5, 1, 1)),
             ph.Material("thin_dielectric", ior=1.5, transmittance=(0.5, 1.0, 1.0)),
+        ),
+        (
+            ph.Material("thin_dielectric", roughness=0.5, color=(0.5, 1, 1)),
+            ph.Material("thin_dielectric", roughness=0.5, transmittance=(0.5, 1.0, 1.0)),
         ),
         (
             ph.Material("plastic", color=(0.5, 0, 0), ior=1.6),
@@ -487,6 +492,20 @@ def test_materials_as_gltf(tmp_path: Path, given: ph.Material, read: Any) -> Non
     for name, value in wanted.items():
         # as float32, if not exactly
         np.testing.assert_allclose(found.params[name], value, rtol=3e-4, err_msg=name)
+
+
+def test_a_sheet_as_gltf(tmp_path: Path) -> None:
+    sheet = ph.Material(
+        "diffuse_transmission", color=(0.3, 0.2, 0.1), transmittance=(0.1, 0.2, 0.5)
+    )
+    ph.save(ph.Scene([replace(torus(), material=sheet)], **LIT), tmp_path / "a.gltf", strict=True)
+    (made,) = json.loads((tmp_path / "a.gltf").read_text())["materials"]
+    found = made["extensions"]["KHR_materials_diffuse_transmission"]
+    factor = found["diffuseTransmissionFactor"]
+    through = np.array(found["diffuseTransmissionColorFactor"])
+    back = np.array(made["pbrMetallicRoughness"]["baseColorFactor"][:3])
+    np.testing.assert_allclose(factor * through, sheet.params["transmittance"])
+    np.testing.assert_allclose((1 - factor) * back, sheet.params["color"])
 
 
 def test_images_as_gltf_are_stored_as_they_are(tmp_path: Path) -> None:

@@ -138,11 +138,12 @@ class Materials:
             ior = self._plain(p["ior"], 1.5)
             if ior < 1.0:  # as seen from the other side
                 ior, draft.reverse = 1.0 / ior, True
-            body |= {"ior": ior, "transmission": 1.0}
+            body |= {"ior": ior, "transmission": 1.0, "dispersion": p["dispersion"]}
         elif kind == "thin_dielectric":
             self._drop(p, "reflectance", WHITE, "thin_dielectric: its reflectance")
             base = self._product(p["color"], p["transmittance"])
-            body |= {"roughness": 0.0, "ior": self._plain(p["ior"], 1.5), "pane": 1.0}
+            ior = self._plain(p["ior"], 1.5)
+            body |= {"roughness": p["roughness"], "ior": ior, "pane": 1.0}
         elif kind == "plastic":
             self._drop(p, "nonlinear", "off", "plastic: nonlinear")
             body |= {
@@ -150,12 +151,17 @@ class Materials:
                 "ior": self._plain(p["ior"], 1.5),
                 "specular_color": p["specular"],
             }
+        elif kind == "diffuse_transmission":
+            body["specular"] = 0.0
+            base = self._sheet(draft, p)
         elif kind == "null":
             if np.array_equal(base, WHITE):
                 opacity = 0.0
             body |= {"roughness": 0.0, "ior": 1.0, "pane": 1.0}
         else:
             body = p
+        if "distribution" in p:
+            self._drop(p, "distribution", "ggx", f"{kind}: its distribution")
         if "pane" in params:  # of a blend with one
             body["pane"] = params["pane"]
         self._base(draft, base, opacity)
@@ -222,7 +228,28 @@ class Materials:
         rest = ((eta - 1.0) ** 2 + k**2) / ((eta + 1.0) ** 2 + k**2)
         return self._product(p["color"], _triple(rest))
 
+    def _sheet(self, draft: _Draft, p: dict[str, Any]) -> Triple:
+        """A sheet's base colour. The extension's factor f divides light into what is reflected,
+        (1 - f) times the base colour, and what comes through, f times a colour of its own.
+        """
+        back, through = (np.asarray(self._plain_color(p[n])) for n in ("color", "transmittance"))
+        both = float(back.max() + through.max())
+        if not both > 0.0:
+            return (0.0, 0.0, 0.0)
+        factor = float(through.max()) / both
+        draft.extensions["KHR_materials_diffuse_transmission"] = {
+            "diffuseTransmissionFactor": factor,
+            "diffuseTransmissionColorFactor": _triple(np.minimum(through / (factor or 1.0), 1.0)),
+        }
+        return _triple(np.minimum(back / ((1.0 - factor) or 1.0), 1.0))
+
     # Values
+
+    def _plain_color(self, value: Any) -> Triple:
+        """A colour; of a texture the mean, which is told."""
+        if isinstance(value, Texture):
+            self._reports.add("textures of what glTF has a number for: their mean is written")
+        return self._means(value)
 
     def _product(self, first: Any, second: Any) -> Any:
         if isinstance(first, Texture) or isinstance(second, Texture):
@@ -609,6 +636,9 @@ class Materials:
             volume["attenuationDistance"] = distance
             volume["attenuationColor"] = [exp(-x * distance) for x in lost.tolist()]
         draft.extensions["KHR_materials_volume"] = volume
+        dispersion = self._plain(body.get("dispersion", 0.0), 0.0)
+        if dispersion > 0.0:
+            draft.extensions["KHR_materials_dispersion"] = {"dispersion": dispersion}
 
     def _emission(self, draft: _Draft, emission: Any) -> None:
         if not _some(emission):
