@@ -120,8 +120,8 @@ def _ase(thing: Any, options: LoadOptions) -> _Made:
 
 
 def _bonds_in_words(words: Any) -> Any:
-    """The bonds that ASE's reader of LAMMPS data files leaves: of each atom the indices of others and
-    the types of bonds, "5(1),7(2)", or "_"; None where there are none.
+    """The bonds that ASE's reader of LAMMPS data files leaves: of each atom the indices of others
+    and the types of bonds, "5(1),7(2)", or "_"; None where there are none.
     """
     if words is None or np.asarray(words).dtype.kind != "U":
         return None
