@@ -238,6 +238,7 @@ ShapeInput to_shape(const nb::dict& d) {
   if (s.kind == ShapeKind::instance) {
     s.group = get<u32>(d, "group");
     s.transforms = exact<double>(d, "transforms", 12 * s.count);
+    s.colors = exact<float>(d, "colors", 3 * s.count);
     return s;
   }
   s.faces = exact<u32>(d, "faces", 3 * s.count);

@@ -63,9 +63,12 @@ PH_INLINE const MaterialRecord& material_of(const SceneView& scene, const ShapeR
 }
 
 PH_INLINE bool has_color(Vec3 own) { return own.x == own.x; }
-PH_INLINE Vec3 own_color(const SceneView& scene, u32 id) {
+// That of a primitive, or else of the instance that it is seen through.
+PH_INLINE Vec3 own_color(const SceneView& scene, u32 id, const Instance* instance) {
   const float nan = kInfinity - kInfinity;
-  return scene.color_of ? scene.color_of[id] : Vec3{nan, nan, nan};
+  if (!scene.color_of) return {nan, nan, nan};
+  const Vec3 color = scene.color_of[id];
+  return instance && !has_color(color) ? scene.color_of[instance->id] : color;
 }
 
 // Of a triangle's vertices, by barycentric weights.
@@ -139,7 +142,7 @@ PH_INLINE void complete(const SceneView& scene, const Shape& shape, u32 id, Surf
   s.id = id;
   s.shape = &shape_of(scene, id);
   s.material = &material_of(scene, *s.shape, id);
-  s.color = own_color(scene, id);
+  s.color = own_color(scene, id, instance);
   s.parameter = p.parameter;
   s.point = p.point;
   s.error = p.error;

@@ -50,6 +50,7 @@ struct Instance {
   u32 group;
   float determinant;  // of to_group's linear part, its size
   u32 shape;          // its record, which names it
+  u32 id;             // as a primitive, for its colour
   u32 first_emitter;  // of the group's emitters as seen through this instance
 };
 

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <cstring>
 #include <iterator>
+#include <limits>
 
 #include "errors.h"
 
@@ -27,6 +28,16 @@ const Numbers* radii_of(const ShapeInput& s) {
     if (std::strcmp(a.name, "radii") == 0) return &a;
   }
   return nullptr;
+}
+
+void check_color(const ShapeInput& s, size_t i, const ColorRange& range) {
+  for (size_t k = 0; k < 3; ++k) {
+    const float c = s.colors[3 * i + k];
+    if (c >= range.low && c <= range.high) continue;
+    fail(s, "colors", i,
+         text(static_cast<double>(c)) + " in " + "rgb"[k] + "; the colour of " + range.material +
+             " must lie in [" + text(range.low) + ", " + text(range.high) + "]");
+  }
 }
 
 // Rows that the loops below visit: vertices of a mesh, else primitives.
@@ -118,16 +129,7 @@ double SceneChecks::extent(const ShapeInput& s) const {
            std::to_string(s.material_of[i]) + "; the scene has materials 0 to " +
                std::to_string(materials - 1));
     }
-    for (size_t k = 0; s.colors && k < 3; ++k) {
-      const float c = s.colors[3 * i + k];
-      const ColorRange& range = colors_[s.material_of ? s.material_of[i] : s.material];
-      if (!(c >= range.low && c <= range.high)) {
-        fail(s, "colors", i,
-             text(static_cast<double>(c)) + " in " + "rgb"[k] + "; the colour of " +
-                 range.material + " must lie in [" + text(range.low) + ", " + text(range.high) +
-                 "]");
-      }
-    }
+    if (s.colors) check_color(s, i, colors_[s.material_of ? s.material_of[i] : s.material]);
   }
   if (!std::isfinite(extent)) {
     throw SceneError("shape '" + s.name + "': its coordinates are too large to add to its radii");
@@ -153,9 +155,27 @@ void SceneChecks::sizes(const ShapeInput& s, double extent) const {
   }
 }
 
-void SceneChecks::instances(const ShapeInput& s, u32 groups) const {
-  if (s.group >= groups) throw SceneError("shape '" + s.name + "': no such group of shapes");
+ColorRange SceneChecks::colors(const GroupInput& shapes) const {
+  ColorRange all{-std::numeric_limits<float>::infinity(), std::numeric_limits<float>::infinity(),
+                 "nothing"};
+  const auto narrow = [&](u32 material) {
+    const ColorRange& r = colors_[material];
+    if (r.high < all.high) all.material = r.material;
+    all.low = std::max(all.low, r.low);
+    all.high = std::min(all.high, r.high);
+  };
+  for (const ShapeInput& s : shapes) {
+    if (s.kind == ShapeKind::instance) continue;
+    if (!s.material_of) narrow(s.material);
+    for (size_t i = 0; s.material_of && i < s.count; ++i) narrow(s.material_of[i]);
+  }
+  return all;
+}
+
+void SceneChecks::instances(const ShapeInput& s, const std::vector<ColorRange>& groups) const {
+  if (s.group >= groups.size()) throw SceneError("shape '" + s.name + "': no such group of shapes");
   for (size_t i = 0; i < s.count; ++i) {
+    if (s.colors) check_color(s, i, groups[s.group]);
     const double* m = s.transforms + 12 * i;
     for (int k = 0; k < 12; ++k) {
       if (!std::isfinite(m[k])) fail(s, "transforms", i, "not finite");

@@ -16,16 +16,13 @@ class SceneChecks {
   double extent(const ShapeInput& shape) const;
   // Spheres so small beside a scene of that extent that their squared radius would be lost.
   void sizes(const ShapeInput& shape, double extent) const;
-  // Of instances: that matrices can be inverted and the group is one of `groups`.
-  void instances(const ShapeInput& shape, u32 groups) const;
+  // The colours that all of a group's materials may have.
+  ColorRange colors(const GroupInput& shapes) const;
+  // Of instances: that matrices can be inverted and colours are in range, one for each group.
+  void instances(const ShapeInput& shape, const std::vector<ColorRange>& groups) const;
 
  private:
-  // The values that a primitive's own colour may have: those of its material's first parameter.
-  struct ColorRange {
-    float low, high;
-    const char* material;
-  };
-  std::vector<ColorRange> colors_;
+  std::vector<ColorRange> colors_;  // of each material
 };
 
 // A material's or light's parameters, as their tables say.

@@ -224,12 +224,14 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
   double extent = 0.0;
   size_t count = 0;
   const SceneChecks checks(materials_);
+  std::vector<ColorRange> color_ranges;
+  for (const BuiltGroup& b : built) color_ranges.push_back(b.colors);
   for (const ShapeInput& s : shapes) {
     if (s.kind != ShapeKind::instance) {
       extent = std::max(extent, checks.extent(s));
     } else {
       if (!own) throw SceneError("shape '" + s.name + "': instances within a group of instances");
-      checks.instances(s, static_cast<u32>(built.size()));
+      checks.instances(s, color_ranges);
       for (size_t i = 0; i < s.count; ++i) {
         const Aabb b = transformed(built[s.group].bounds,
                                    between(transform_of(s, i), built[s.group].scale, 1.0));
@@ -245,7 +247,7 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
     throw SceneError("instances place shapes too far away: " + std::to_string(extent));
   }
   for (const ShapeInput& s : shapes) checks.sizes(s, extent);
-  BuiltGroup group{normalising(extent), {}, {}};
+  BuiltGroup group{normalising(extent), {}, {}, checks.colors(shapes)};
 
   // Records, and the emitters' places in the group's list.
   const size_t first_record = shapes_.size();
@@ -276,6 +278,7 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
         instance.group = s.group;
         instance.determinant = static_cast<float>(std::fabs(inverse.determinant()));
         instance.shape = static_cast<u32>(shapes_.size());
+        instance.id = next_id + static_cast<u32>(i);
         instances_.push_back(instance);
         instance_boxes.push_back(transformed(shown.bounds, m));
       }

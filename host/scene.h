@@ -52,9 +52,15 @@ struct ShapeInput {
   const float* uvs = nullptr;
   std::vector<AttributeInput> attributes;
 
-  // Instances: of a group, by (count, 12) affine matrices.
+  // Instances: of a group, by (count, 12) affine matrices; colours for what has none of its own.
   u32 group = 0;
   const double* transforms = nullptr;
+};
+
+// The values that a primitive's own colour may have: those of its material's first parameter.
+struct ColorRange {
+  float low, high;
+  const char* material;
 };
 
 // The shapes of each group; the last group is the scene itself, the only one with instances.
@@ -110,6 +116,7 @@ class Scene {
     double scale;
     Box bounds;
     std::vector<Slot> emitters;  // in the order of its shapes' first_emitter
+    ColorRange colors;           // of its instances
   };
 
   void add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, u32& next_id, bool own);

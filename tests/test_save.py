@@ -610,6 +610,22 @@ def test_copies_as_gltf_are_nodes_or_instances(tmp_path: Path, count: int) -> No
     np.testing.assert_allclose(found[order[0]], wanted[order[1]], atol=2e-5)
 
 
+@pytest.mark.parametrize("ending", ["glb", "ply"])
+def test_copies_of_their_own_colours(tmp_path: Path, ending: str) -> None:
+    places = np.tile(np.eye(4), (3, 1, 1))
+    places[:, 0, 3] = (0, 3, 6)
+    colors = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
+    part = ph.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="part")
+    copies = ph.Instances([part], places, "copies", colors)
+    ph.save(ph.Scene([copies], **LIT), tmp_path / f"a.{ending}")
+    again = ph.load(tmp_path / f"a.{ending}", ph.LoadOptions(view="front"))
+    image = ph.render(again, width=70, height=10, spp=1, filter="box", features=True)
+    albedo = image.features["albedo"]
+    for column, color in ((2, colors[0]), (32, colors[1]), (62, colors[2])):
+        seen = albedo[:, column - 2 : column + 6].reshape(-1, 3)
+        assert (np.abs(seen - color).max(axis=1) < 0.01).any(), column
+
+
 def test_lights_and_cameras_as_gltf(tmp_path: Path) -> None:
     lights = (
         ph.Light("point", intensity=(20, 30, 40), position=(1, 2, 3)),

@@ -1354,6 +1354,36 @@ def test_a_small_instance_far_from_the_ray_is_closed() -> None:
         np.testing.assert_array_equal(ids, whole[1])
 
 
+def test_instances_have_colours_of_their_own() -> None:
+    """What the camera sees of three copies, of which each has a part that keeps its colour."""
+    gray, kept = ph.Material("diffuse", color=(0.5, 0.5, 0.5)), (0.9, 0.1, 0.4)
+    parts = [
+        ph.Spheres([[0, 0.5, 0]], 0.4, gray),
+        ph.Spheres([[0, -0.5, 0]], 0.4, gray, [kept]),
+    ]
+    places = np.tile(np.eye(4), (3, 1, 1))
+    places[:, 0, 3] = (-1, 0, 1)
+    colors = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, 0.9]], np.float32)
+    camera = ph.Camera((0, 0, 9), (0, 0, 0), projection="orthographic", height=2.0)
+    scene = ph.Scene(
+        [ph.Instances(parts, places, colors=colors)],
+        camera=camera,
+        background=WHITE,
+    )
+    size = {"width": 3, "height": 2, "spp": 1, "filter_radius": 1e-6, "features": True}
+    image = ph.render(scene, **size)
+    albedo = image.features["albedo"]
+    np.testing.assert_array_equal(albedo[0], colors)
+    np.testing.assert_array_equal(albedo[1], np.float32([kept] * 3))
+    plain = scene.replace(shapes=(ph.Instances(parts, places),))
+    image = ph.render(plain, **size)
+    np.testing.assert_array_equal(image.features["albedo"][0], np.float32(0.5))
+    with pytest.raises(ph.SceneError, match=r"'red': colors\[1\].*colour of diffuse must lie in"):
+        ph.prepare(scene.replace(shapes=(ph.Instances(parts, places, "red", 2 * colors),)))
+    with pytest.raises(ph.SceneError, match=r"colors has shape \(2, 3\); must be \(3, 3\)"):
+        ph.prepare(scene.replace(shapes=(ph.Instances(parts, places, "red", colors[:2]),)))
+
+
 @pytest.mark.parametrize("place", PLACES)
 def test_an_instance_looks_as_the_moved_mesh_does(place: str) -> None:
     matrix = PLACES[place]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import tables
 from .errors import SceneError, unknown_name
@@ -544,14 +545,7 @@ class _Parts:
         record["inside_out"] = _flag(getattr(shape, "inside_out", False), where)
         count = record["count"]
         if shape.colors is not None:
-            colors = _floats(shape.colors, f"{where}: colors")
-            with np.errstate(over="ignore"):  # the core names the one that became infinite
-                colors = colors.astype(np.float32, copy=False)
-            if colors.size == 0:
-                colors = colors.reshape(0, 3)
-            if colors.shape != (count, 3):
-                raise SceneError(f"{where}: colors has shape {colors.shape}; must be ({count}, 3)")
-            record["colors"] = colors
+            record["colors"] = _colors(shape.colors, count, where)
         record["material"] = 0
         if isinstance(shape.material, (Material, str)):
             record["material"] = self.material_index(shape.material, where)
@@ -610,13 +604,27 @@ class _Parts:
             self.groups.append(shapes)
             self._kept.append(shape.shapes)
         group = self._groups_made[id(shape.shapes)]
-        return {
+        record = {
             "kind": "instance",
             "name": name,
             "count": len(transforms),
             "group": group,
             "transforms": np.ascontiguousarray(transforms[:, :3, :]),
         }
+        if shape.colors is not None:
+            record["colors"] = _colors(shape.colors, len(transforms), where)
+        return record
+
+
+def _colors(values: Any, count: int, where: str) -> NDArray[np.float32]:
+    colors = _floats(values, f"{where}: colors")
+    with np.errstate(over="ignore"):  # the core names the one that became infinite
+        colors = colors.astype(np.float32, copy=False)
+    if colors.size == 0:
+        colors = colors.reshape(0, 3)
+    if colors.shape != (count, 3):
+        raise SceneError(f"{where}: colors has shape {colors.shape}; must be ({count}, 3)")
+    return np.asarray(colors)
 
 
 # --- Each kind of shape --------------------------------------------------------------------------

@@ -6,7 +6,7 @@ A body is a few shapes in a frame of its own, kept once for all particles that a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -155,22 +155,16 @@ def _rows(values: ArrayLike, count: int, width: int) -> NDArray[np.float64]:
 def drawn(
     glyphs: Glyphs, positions: Floats, colors: Floats, chosen: NDArray[np.bool_]
 ) -> list[Instances]:
-    """The chosen particles that are no spheres, as instances of their bodies.
-
-    One group for each body and colour, as instances have no colours of their own.
-    """
-    used, shades = np.unique(colors, axis=0, return_inverse=True)
-    keys = np.asarray(glyphs.codes).astype(np.int64) * len(used) + shades.reshape(-1)
-    order = np.argsort(keys, kind="stable")
+    """The chosen particles that are no spheres, as instances of their bodies."""
+    order = np.argsort(glyphs.codes, kind="stable")
     order = order[(chosen & ~glyphs.spheres())[order]]
-    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    starts = np.flatnonzero(np.diff(glyphs.codes[order], prepend=-1))
     made = []
-    for group in np.split(order, starts[1:]) if len(order) else ():
-        body = glyphs.bodies[int(glyphs.codes[group[0]])]
+    for mine in np.split(order, starts[1:]) if len(order) else ():
+        body = glyphs.bodies[int(glyphs.codes[mine[0]])]
         assert body is not None
-        color = colors[group[0]]
-        shapes = [replace(s, colors=np.tile(color, (_count(s), 1))) for s in body]
-        made.append(Instances(shapes, _transforms(glyphs, positions, group), "particles"))
+        matrices = _transforms(glyphs, positions, mine)
+        made.append(Instances(body, matrices, "particles", colors[mine]))
     return made
 
 
@@ -197,12 +191,6 @@ def rotations(quaternions: Floats) -> NDArray[np.float64]:
     ]
     matrices: NDArray[np.float64] = np.array(rows).transpose(2, 0, 1)
     return matrices
-
-
-def _count(shape: Solid) -> int:
-    if isinstance(shape, Mesh):
-        return len(np.asarray(shape.faces))
-    return len(np.asarray(shape.starts if isinstance(shape, Cylinders) else shape.centers))  # type: ignore[union-attr]
 
 
 # ---------------------------------------------------------------------------------------------

@@ -297,12 +297,14 @@ class Instances:
     """Copies of a group of shapes, which is kept once.
 
     shapes: what is copied; none of them Instances. transforms: (N, 3, 4) or (N, 4, 4) matrices from
-    the group's frame to the scene; any affine ones that can be inverted.
+    the group's frame to the scene; any affine ones that can be inverted. colors: (N, 3) linear RGB
+    of the instances, None for the materials' own, which primitives with colours of their own keep.
     """
 
     shapes: Sequence[Spheres | Mesh | Disks | Cylinders | Curves]
     transforms: ArrayLike
     name: str = "instances"
+    colors: ArrayLike | None = None
 
 
 Solid = Spheres | Mesh | Disks | Cylinders | Curves

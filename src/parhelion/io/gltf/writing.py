@@ -103,7 +103,10 @@ class _Writer:
     # --- Shapes ----------------------------------------------------------------------------------
 
     def _shape(self, shape: Shape) -> Iterable[_Placed]:
-        if isinstance(shape, Instances):
+        if isinstance(shape, Instances) and shape.colors is not None:
+            for one in self._by_color(shape):
+                yield from self._shape(one)
+        elif isinstance(shape, Instances):
             copies = _square(shape.transforms)
             for part in shape.shapes:
                 for found in self._shape(part):
@@ -122,6 +125,21 @@ class _Writer:
             self._reports.add("curves: glTF has none; left out")
         else:
             yield from self._round(shape)
+
+    def _by_color(self, shape: Instances) -> Iterable[Instances]:
+        """The copies of each colour; glTF's have their mesh's."""
+        colors, matrices = np.asarray(shape.colors), np.asarray(shape.transforms)
+        used, of = np.unique(colors, axis=0, return_inverse=True)
+        for i, color in enumerate(used.tolist()):
+            parts = [
+                replace(part, material=self._in_color(part.material, tuple(color)))
+                if part.colors is None and isinstance(part.material, (str, Material))
+                else part
+                for part in shape.shapes
+            ]
+            yield replace(
+                shape, shapes=parts, transforms=matrices[of.reshape(-1) == i], colors=None
+            )
 
     def _material(self, given: Any) -> Material:
         if isinstance(given, Material):

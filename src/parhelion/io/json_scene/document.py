@@ -373,6 +373,10 @@ class Instances(Struct, forbid_unknown_fields=True, tag_field="type", tag="insta
             "or a .npy file of shape (N, 3, 4) or (N, 4, 4)"
         ),
     ]
+    colors: Annotated[
+        list[Color] | File | Stored | None,
+        _doc("(N, 3) linear RGB of the instances, where a primitive has no colour of its own"),
+    ] = None
     name: Annotated[Name, _NAME] = model.Instances.name
 
 

@@ -82,7 +82,10 @@ _ARRAYS: dict[type[Struct], dict[str, _Array]] = {
         "counts": _Array(_ONE, 1, whole=True),
         "colors": _Array(_THREE, 0.0),
     },
-    Instances: {"transforms": _Array(((3, 4), (4, 4)))},
+    Instances: {
+        "transforms": _Array(((3, 4), (4, 4))),
+        "colors": _Array(_THREE, 0.0, "transforms"),
+    },
 }
 ARRAY_FIELDS = {name for fields in _ARRAYS.values() for name in fields}
 WHOLE_FIELDS = {name for f in _ARRAYS.values() for name, spec in f.items() if spec.whole}

@@ -105,8 +105,13 @@ def _solids(shapes: Sequence[Shape]) -> Iterator[Any]:
             count += len(np.asarray(part.faces)) * len(matrices)
             if count > _MOST:
                 raise SceneError(f"the copies make more than {_MOST:,} triangles")
-            for matrix in matrices:
-                yield _moved(part, matrix)
+            own = shape.colors is None or part.colors is not None
+            for i, matrix in enumerate(matrices):
+                moved = _moved(part, matrix)
+                if not own:
+                    color = np.asarray(shape.colors)[i]
+                    moved = replace(moved, colors=np.tile(color, (len(np.asarray(part.faces)), 1)))
+                yield moved
 
 
 def _moved(mesh: Mesh, matrix: NDArray[np.float64]) -> Mesh:
