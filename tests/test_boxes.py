@@ -44,8 +44,10 @@ def test_twelve_edges_of_a_tilted_box() -> None:
     assert len(np.unique(np.concatenate([edges.starts, edges.ends], axis=1), axis=0)) == 12
 
 
-def test_a_flat_box_has_four_edges() -> None:
-    flat = Box(np.diag([3.0, 2, 0]), np.zeros(3))
+@pytest.mark.parametrize("thickness", [0.0, 1e-9, 1e-3])
+def test_a_flat_box_has_four_edges(thickness: float) -> None:
+    """Also one that is thinner than its edges are drawn."""
+    flat = Box(np.diag([3.0, 2, thickness]), np.zeros(3))
     square = np.array([[0.0, 0, 0], [1, 1, 0]])
     made = scene(Particles(square, box=flat), box=True)
     _, edges, corners = made.shapes

@@ -93,10 +93,12 @@ def _with_copies(
     positions = positions - np.floor(places) @ lattice
     places -= np.floor(places)
     found, whose, by = [positions], [of], [np.zeros((len(of), len(lattice)))]
+    outer = np.flatnonzero(((places < margin) | (places > 1 - margin)).any(axis=1))
+    places = places[outer]
     for shift in product(*(np.arange(-n, n + 1) for n in steps)):
         if any(shift):
             moved = places + shift
-            near = np.flatnonzero(((moved > -margin) & (moved < 1 + margin)).all(axis=1))
+            near = outer[((moved > -margin) & (moved < 1 + margin)).all(axis=1)]
             found.append(positions[near] + np.array(shift) @ lattice)
             whose.append(near)
             by.append(np.tile(shift, (len(near), 1)))

@@ -80,7 +80,7 @@ class Box:
 
 
 def outline(box: Box) -> list[Solid]:
-    """The twelve edges as tubes, those of no length left out, and spheres where they meet.
+    """The twelve edges as tubes, without those that are shorter than thick, and spheres at corners.
 
     Raises SceneError for a box that is not finite, or all of whose edges have no length.
     """
@@ -88,17 +88,16 @@ def outline(box: Box) -> list[Solid]:
     if not (np.isfinite(edges).all() and np.isfinite(origin).all()):
         raise SceneError("the box is not finite")
     lengths = np.linalg.norm(edges, axis=1)
-    if not lengths.any():
+    drawn = lengths > _EDGE * lengths.mean()
+    if not drawn.any():
         raise SceneError("the box has no extent")
-    steps = np.array(list(product((0.0, 1.0), repeat=3)))
-    starts, ends = [], []
-    for axis in np.flatnonzero(lengths):
-        low = steps[steps[:, axis] == 0]
-        starts.append(origin + low @ edges)
-        ends.append(origin + low @ edges + edges[axis])
-    radius = _EDGE * float(lengths[lengths > 0].mean())
+    edges, lengths = edges[drawn], lengths[drawn]
+    steps = np.array(list(product((0.0, 1.0), repeat=len(edges))))
+    corners = origin + steps @ edges
+    starts = [corners[steps[:, axis] == 0] for axis in range(len(edges))]
+    ends = [corners[steps[:, axis] == 1] for axis in range(len(edges))]
+    radius = _EDGE * float(lengths.mean())
     material = Material("diffuse", color=(_EDGE_ALBEDO,) * 3)
-    corners = np.unique(origin + steps @ edges, axis=0)
     return [
         Cylinders(
             np.concatenate(starts), np.concatenate(ends), radius, None, material, None, "box"
