@@ -309,6 +309,37 @@ def test_pdb(tmp_path: Path, caplog: pytest.LogCaptureFixture, group: str, whole
         assert "1 bonds in CONECT are of atoms that are not there" in caplog.text
 
 
+def test_alternate_locations_are_not_bonded_to_each_other(tmp_path: Path) -> None:
+    """A serine whose side chain is in one of two places: chemfiles knows the bonds of one."""
+    pytest.importorskip("chemfiles")
+    places = {
+        "N   ": (10, 10, 10), "CA  ": (11.458, 10, 10), "C   ": (12.009, 11.42, 10),
+        "CB A": (11.986, 9.231, 11.212), "CB B": (11.9, 9.3, 11.3),
+        "OG A": (11.522, 7.891, 11.172), "OG B": (13.3, 9.2, 11.35),
+    }  # fmt: skip
+    path = tmp_path / "a.pdb"
+    path.write_text(
+        "".join(
+            f"ATOM  {i:5d}  {name}SER A   1    {x:8.3f}{y:8.3f}{z:8.3f}  0.50  0.00{name[0]:>12}\n"
+            for i, (name, (x, y, z)) in enumerate(places.items(), start=1)
+        )
+    )
+    tubes: Any = io.load(path, LoadOptions(style="licorice")).shapes[1]
+    names = {tuple(np.round(place, 3)): name for name, place in places.items()}
+    half = len(tubes.starts) // 2
+    found = {
+        frozenset((names[tuple(np.round(a, 3))], names[tuple(np.round(b, 3))]))
+        for a, b in zip(tubes.starts[:half], tubes.starts[half:], strict=True)
+    }
+    assert found == {
+        frozenset(pair)
+        for pair in [
+            ("N   ", "CA  "), ("CA  ", "C   "), ("CA  ", "CB A"), ("CA  ", "CB B"),
+            ("CB A", "OG A"), ("CB B", "OG B"),
+        ]
+    }  # fmt: skip
+
+
 def test_a_box_of_one_angstrom_is_none(tmp_path: Path) -> None:
     pytest.importorskip("chemfiles")
     from parhelion.io import chemfiles_file

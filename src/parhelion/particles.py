@@ -107,8 +107,10 @@ class Particles:
     positions: (N, 3). elements: their symbols, "X" for a dummy. types: any other sort of kind.
     radii: (N,). colors: (N, 3) linear RGB. fields: by name, (N,) or (N, M) numbers, or Labels.
     bonds: (B, 2) indices of particles, from 0; bonds_complete: False if distances tell of the bonds
-    of particles that have none of these. glyphs: what particles are instead of spheres. None stands
-    for what is not known. copies: what is drawn in the place of the particles themselves, if any.
+    of particles that have none of these. alternates: (N,) numbers; distances tell of no bonds
+    between particles of different ones, 0 apart. glyphs: what particles are instead of spheres.
+    copies: what is drawn in the place of the particles themselves, if any. None stands for what is
+    not known.
     Raises SceneError for arrays whose lengths differ, a position that is not finite, a radius that
     is not positive and a bond of a particle that is not there, naming the particle or bond, from 0.
     """
@@ -122,6 +124,7 @@ class Particles:
     box: Box | None = None
     bonds: NDArray[np.integer[Any]] | None = None
     bonds_complete: bool = True
+    alternates: NDArray[np.integer[Any]] | None = None
     glyphs: Glyphs | None = None
     copies: Sequence[Copies] = ()
 
@@ -142,6 +145,7 @@ class Particles:
             "types": self.types,
             "radii": self.radii,
             "colors": self.colors,
+            "alternates": self.alternates,
             "glyphs": None if self.glyphs is None else self.glyphs.codes,
             **{f"copies[{i}]": copies.chosen for i, copies in enumerate(self.copies)},
             **{f"field {name!r}": values for name, values in self.fields.items()},
@@ -391,6 +395,9 @@ def _bonds(particles: Particles, options: LoadOptions) -> tuple[Indices, Floats]
     known = np.zeros(count, bool)
     known[pairs.reshape(-1)] = True
     new = ~known[more].all(axis=1)
+    if particles.alternates is not None:
+        one, other = particles.alternates[more].T
+        new &= (one == other) | (one == 0) | (other == 0)
     return np.concatenate([pairs, more[new]]), np.concatenate([ways, more_ways[new]])
 
 

@@ -41,8 +41,9 @@ _MOST_NAMES = 500
 _MOST_WARNINGS = 5
 
 _BONDS = re.compile(rb"^CONECT(.*)\n", re.MULTILINE)
-# The serial number of an atom, five characters, and its chain, one; the end of the first model
-_ATOM = re.compile(rb"^(?:ATOM  |HETATM)(.{5})(?:.{10}(.))?|^(ENDMDL)", re.MULTILINE)
+# Of an atom the serial number, five characters, the alternate location and the chain, one each; the
+# end of the first model
+_ATOM = re.compile(rb"^(?:ATOM  |HETATM)(.{5})(?:.{5}(.).{4}(.))?|^(ENDMDL)", re.MULTILINE)
 # Biological assemblies
 _ASSEMBLY = re.compile(rb"^REMARK 350(.*)\n", re.MULTILINE)
 # How far the product of a rotation and its transpose may be off from 1; files have six decimals.
@@ -103,7 +104,7 @@ class _Records:
     """
 
     def __init__(self) -> None:
-        self.atoms: list[tuple[bytes, bytes]] = []  # serial and chain, of the first model
+        self.atoms: list[tuple[bytes, bytes, bytes]] = []  # as in _ATOM, of the first model
         self.conect: list[bytes] = []
         self.remarks: list[bytes] = []
         self.no_box = False
@@ -118,11 +119,12 @@ class _Records:
             self.symmetric = bool(group) and group not in ([b"P", b"1"], [b"P1"])
         self.conect += _BONDS.findall(lines)
         self.remarks += _ASSEMBLY.findall(lines)
-        for serial, chain, end in _ATOM.findall(lines) if not self._whole else ():
+        for *atom, end in _ATOM.findall(lines) if not self._whole else ():
             if end:
                 self._whole = True
                 break
-            self.atoms.append((serial, chain))
+            serial, place, chain = atom
+            self.atoms.append((serial, place, chain))
 
     def bonds(self, path: Path, count: int) -> NDArray[np.intp]:
         """The bonds of `count` atoms that CONECT records tell of, (B, 2).
@@ -132,7 +134,7 @@ class _Records:
         if not self.conect:
             return np.empty((0, 2), np.intp)
         indices: dict[bytes, int | None] = {}
-        for i, (serial, _) in enumerate(self.atoms[:count]):
+        for i, (serial, _, _) in enumerate(self.atoms[:count]):
             # serial numbers start anew after 99999 in some files: those say nothing
             indices[serial.strip()] = None if serial.strip() in indices else i
         found: list[tuple[int, int]] = []
@@ -147,6 +149,13 @@ class _Records:
             _logger.info("%s: %d bonds in CONECT are of atoms that are not there", path, missing)
         return np.array(found, np.intp).reshape(-1, 2)
 
+    def alternates(self, count: int) -> NDArray[np.intp] | None:
+        """Numbers of the atoms' alternate locations, 0 for none; None if no atom has any."""
+        places = [place.strip() for _, place, _ in self.atoms]
+        if len(places) != count or not any(places):
+            return None
+        return np.unique([b"", *places], return_inverse=True)[1][1:].astype(np.intp)
+
     def copies(self, assembly: int, count: int) -> list[Copies]:
         """By which `count` atoms become a biological assembly. Raises SceneError."""
         known = self._assemblies()
@@ -155,7 +164,7 @@ class _Records:
             raise SceneError(f"has no assembly {assembly} in REMARK 350; it has {has}")
         if len(self.atoms) != count:
             raise SceneError("assemblies need models of the same atoms")
-        names, codes = np.unique([chain for _, chain in self.atoms], return_inverse=True)
+        names, codes = np.unique([chain for _, _, chain in self.atoms], return_inverse=True)
         found = []
         for chains, rows in known[assembly]:
             chosen = np.isin(names, list(chains))[codes.reshape(-1)]
@@ -286,7 +295,16 @@ def _particles(chemfiles: Any, frame: Any, records: _Records, path: Path) -> Par
     )
     bonds = np.unique(np.sort(bonds, axis=1), axis=0)
     return Particles(
-        positions, symbols, types, None, None, fields, box, bonds, bonds_complete=False
+        positions,
+        symbols,
+        types,
+        None,
+        None,
+        fields,
+        box,
+        bonds,
+        bonds_complete=False,
+        alternates=records.alternates(count),
     )
 
 
