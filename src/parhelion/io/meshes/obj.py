@@ -145,11 +145,15 @@ def _corners(
     lines: _Lines, text: NDArray[np.uint8], counts: Integers, arrays: dict[int, Floats]
 ) -> Integers:
     """(C, 3) indices from 0 of vertex, texture coordinate and normal; -1 where there is none."""
-    blank = text <= 32
-    last = np.flatnonzero(~blank & np.append(blank[1:], True))  # of each word
-    parts = np.diff(np.searchsorted(np.flatnonzero(text == 47), last), prepend=0) + 1
-    # an index that is left out, as in 1//3, becomes 0
-    filled = re.sub(rb"/(?=[/\s]|$)", b"/0", text.tobytes()).replace(b"/", b" ")
+    filled = text.tobytes()
+    if b"/" in filled:
+        blank = text <= 32
+        last = np.flatnonzero(~blank & np.append(blank[1:], True))  # of each word
+        parts = np.diff(np.searchsorted(np.flatnonzero(text == 47), last), prepend=0) + 1
+        # an index that is left out, as in 1//3, becomes 0
+        filled = re.sub(rb"/(?=[/\s]|$)", b"/0", filled).replace(b"/", b" ")
+    else:
+        parts = np.ones(int(counts.sum()), np.int64)
     try:
         numbers = parse(filled)
         indices = numbers.astype(np.int64)
@@ -163,11 +167,14 @@ def _corners(
     face_lines = np.flatnonzero(lines.kinds == 4)
     for column, kind in enumerate((1, 2, 3)):
         given = parts > column
+        if not given.any():
+            break
         index = indices[np.minimum(starts + column, len(indices) - 1)]
         given &= (index != 0) | (column == 0)
-        # negative ones count back from the last that was defined before the face
-        seen = np.cumsum(lines.kinds == kind)[face_lines][face]
-        absolute = np.where(index < 0, seen + index, index - 1)
+        absolute = index - 1
+        if (index < 0).any():  # these count back from the last that was defined before the face
+            seen = np.cumsum(lines.kinds == kind)[face_lines][face]
+            absolute = np.where(index < 0, seen + index, absolute)
         bad = given & ((absolute < 0) | (absolute >= len(arrays[kind])))
         if bad.any():
             at = int(np.argmax(bad))
