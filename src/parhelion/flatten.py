@@ -572,9 +572,9 @@ class _Parts:
                 f"{what} has shape {array.shape}; must be ({rows},), ({rows}, 2) or ({rows}, 3),"
                 f" one for each {'face' if per_face else 'vertex'}"
             )
-        bad = np.flatnonzero(~np.isfinite(array.reshape(rows, -1)).all(axis=1))
+        bad = np.argwhere(~np.isfinite(array))
         if bad.size:
-            raise SceneError(f"{what}[{bad[0]}] is not finite")
+            raise SceneError(f"{what}[{bad[0, 0]}] is not finite")
         return {
             "name": self.attribute(key),
             "values": np.ascontiguousarray(array),
