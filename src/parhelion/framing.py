@@ -142,8 +142,9 @@ def bounds(scene: Scene) -> tuple[Array, Array]:
     """Lower and upper corner, (3,) float64 each, of the box that holds what the scene is about."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for centers, radii in subject(scene):
-        low = np.minimum(low, np.min(centers - radii[..., None], axis=0))
-        high = np.maximum(high, np.max(centers + radii[..., None], axis=0))
+        for k, along in enumerate(centers.T):  # faster than rows of three
+            low[k] = np.minimum(low[k], np.min(along - radii))
+            high[k] = np.maximum(high[k], np.max(along + radii))
     return low, high
 
 

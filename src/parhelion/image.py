@@ -297,7 +297,10 @@ def _read_pixels(path: str, where: str) -> NDArray[Any]:
     names = [n.upper() for n in spec.channelnames]  # the library reorders channels
     for wanted in (("R", "G", "B", "A"), ("R", "G", "B"), ("Y", "A"), ("Y",)):
         if all(n in names for n in wanted):
-            return np.ascontiguousarray(pixels[:, :, [names.index(n) for n in wanted]])
+            chosen = [names.index(n) for n in wanted]
+            if chosen == list(range(len(names))):
+                return np.ascontiguousarray(pixels)
+            return np.ascontiguousarray(pixels[:, :, chosen])
     count = {1: 1, 2: 1, 3: 3}.get(spec.nchannels, 4)
     return np.ascontiguousarray(pixels[:, :, :count])
 

@@ -272,6 +272,8 @@ def skinned(s: Source, g: Geometry, matrices: NDArray[np.float64]) -> Geometry:
 
 def moved(g: Geometry, matrix: NDArray[np.float64]) -> Geometry:
     """Under an affine transform, which may mirror or flatten."""
+    if np.array_equal(matrix[:3], np.eye(3, 4)):
+        return g
     linear = matrix[:3, :3]
     positions = (g.positions.astype(np.float64) @ linear.T + matrix[:3, 3]).astype(np.float32)
     corners = g.corners
