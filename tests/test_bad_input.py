@@ -266,6 +266,21 @@ def test_packed_bombs(tmp_path: Path, reader: str, name: str, ending: str) -> No
     refused_cheaply(alone(name + ending, PACKED[ending](data)), tmp_path, "unpacks to more than")
 
 
+@pytest.mark.parametrize(
+    ("reader", "name"),
+    [
+        ("gltf", "a.gltf"),
+        ("mitsuba", "a.xml"),
+        ("npz", "a.npz"),
+        ("gsd", "a.gsd"),
+        ("usd", "a.usda"),
+    ],
+)
+def test_what_is_not_read_packed(tmp_path: Path, reader: str, name: str) -> None:
+    packed = gzip.compress(seed(reader).files[name], 1)
+    refused(alone(f"{name}.gz", packed), tmp_path, "files are not read packed; unpack it first")
+
+
 def test_a_serialized_bomb(tmp_path: Path) -> None:
     refused_cheaply(
         serialized(1 << 24, bytes(1 << 27)), tmp_path, "16777216 vertices .* cannot fit in it"

@@ -6,6 +6,7 @@ A format module has these names:
     SUFFIXES    the file name endings it reads, in lower case, e.g. (".xyz", ".extxyz")
     OPTIONS     the fields of LoadOptions that it reads, besides EVERY_FORMAT's
     BARE        True if its files often lack a camera and lights, which are then added
+    PACKED      False if it does not read files that are packed, as NAME.gz (none: it does)
     GLOW        radiance up to which emission in its files is for show, and no light (none: 0)
     load(path: pathlib.Path, options: LoadOptions) -> Scene
 
@@ -142,10 +143,13 @@ def load(
     if file.is_dir():
         raise FormatError(f"{file}: is a folder, not a scene file")
     suffixes = [s.lower() for s in file.suffixes]
-    if suffixes and suffixes[-1] in COMPRESSED:
+    packed = bool(suffixes) and suffixes[-1] in COMPRESSED
+    if packed:
         suffixes.pop()
     ending = suffixes[-1] if suffixes else ""
     module = _module(ending, file)
+    if packed and not getattr(module, "PACKED", True):
+        raise FormatError(f"{file}: {module.NAME} files are not read packed; unpack it first")
     options = options or LoadOptions()
     for option in fields(LoadOptions):
         known = (*module.OPTIONS, *EVERY_FORMAT)

@@ -28,6 +28,7 @@ from .text import errors_name, frame_index
 
 NAME = "GSD"
 SUFFIXES = (".gsd",)
+PACKED = False
 OPTIONS = particles.OPTIONS
 BARE = True
 

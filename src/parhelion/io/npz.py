@@ -33,6 +33,7 @@ from .text import errors_name, frame_index
 
 NAME = "NumPy archive"
 SUFFIXES = (".npz",)
+PACKED = False
 OPTIONS = particles.OPTIONS
 BARE = True
 

@@ -17,6 +17,7 @@ from ..files import Reports
 
 NAME = "glTF"
 SUFFIXES = (".gltf", ".glb")
+PACKED = False
 OPTIONS = ("time", "variant")
 BARE = True
 GLOW = 1.0  # brighter needs KHR_materials_emissive_strength

@@ -15,6 +15,7 @@ from .. import LoadOptions
 
 NAME = "Mitsuba"
 SUFFIXES = (".xml",)
+PACKED = False
 OPTIONS = ("defines",)
 
 

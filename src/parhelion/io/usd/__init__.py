@@ -15,6 +15,7 @@ from .. import LoadOptions
 
 NAME = "USD"
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+PACKED = False
 OPTIONS = ("frame",)
 BARE = True
 
