@@ -667,6 +667,41 @@ def test_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str], body: str, w
     assert capfd.readouterr().err == ""
 
 
+def refer(names: list[tuple[str, list[str]]], more: str = "") -> str:
+    """Prims, each with children that refer to others of these."""
+    return "".join(
+        f'def Xform "{name}"\n{{\n'
+        + "".join(f'def "c{i}" ({more}references = </{t}>)\n{{\n}}\n' for i, t in enumerate(others))
+        + "}\n"
+        for name, others in names
+    )
+
+
+def test_stages_that_grow_without_end(tmp_path: Path) -> None:
+    """The library would compose them for hours."""
+    path = tmp_path / "a.usda"
+    last = 'def Sphere "z"\n{\n}\n'
+    tree = [(f"a{i}", [f"a{i + 1}"] * 4) for i in range(12)] + [("a12", ["z"])]
+    path.write_text("#usda 1.0\n" + refer(tree) + last)
+    with pytest.raises(ph.FormatError, match=r"/a\d stands for more than 2097152 prims"):
+        ph.load(path)
+    path.write_text("#usda 1.0\n" + refer([(f"a{i}", [f"a{i + 1}"]) for i in range(300)]) + last)
+    with pytest.raises(
+        ph.FormatError, match=r"a\.usda: /a\d+ refers to a prim .* more than 250 times"
+    ):
+        ph.load(path)
+    # in two layers, the second named by the first
+    (tmp_path / "b.usda").write_text("#usda 1.0\n" + refer(tree) + last)
+    text = 'def "r" (references = @b.usda@</a0>)\n{\n}\n'
+    path.write_text("#usda 1.0\n(subLayers = [@b.usda@])\n" + text)
+    with pytest.raises(ph.FormatError, match="stands for more than 2097152 prims"):
+        ph.load(path)
+    # of instances, the first counts
+    shallow = [(f"a{i}", [f"a{i + 1}"] * 4) for i in range(3)] + [("a3", ["z"])]
+    path.write_text("#usda 1.0\n" + refer(shallow, "instanceable = true\n") + last)
+    assert ph.load(path).shapes
+
+
 def test_broken_files(tmp_path: Path) -> None:
     from pxr import Usd
 

@@ -14,7 +14,7 @@ from pxr import Ar, Pcp, Sdf, Tf, Usd, UsdUtils
 from ...errors import FormatError, SceneError
 from .. import LoadOptions
 from ..files import Folders, Reports
-from . import crate
+from . import crate, growth
 
 # Files that a stage may be made of
 _MOST_LAYERS = 100_000
@@ -34,6 +34,7 @@ def opened(path: Path, options: LoadOptions) -> Iterator[tuple[Any, Folders, Rep
     quiet = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         layers = _layers(path, folders, reports)
+        growth.refuse(layers, str(path))
         stage = Usd.Stage.Open(layers[0])
         for error in stage.GetCompositionErrors():
             if isinstance(error, (Pcp.ErrorArcCycle, Pcp.ErrorSublayerCycle)):
