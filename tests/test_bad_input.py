@@ -429,3 +429,9 @@ def test_a_picture_whose_error_is_no_text() -> None:
         return b"channel \xb1".decode()
 
     assert _reason(geterror) == "it holds bytes that are no text"
+
+
+def test_an_extension_that_is_no_text(tmp_path: Path) -> None:
+    """What is in extensions is decoded when it is asked for."""
+    case = changed("gltf", 0, "a.gltf", b'[{"name": "a"}]', b'[{"name": "\xff"}]')
+    refused(case, tmp_path, "extensions.KHR_materials_variants: holds text that is not UTF-8")

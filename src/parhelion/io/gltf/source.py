@@ -103,7 +103,7 @@ class Source:
             return None
         try:
             return msgspec.json.decode(raw, type=kind)
-        except (msgspec.DecodeError, RecursionError) as error:
+        except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
             raise self._invalid(error, f"{where}.extensions.{name}") from None
 
     def spend(self, size: int, where: str) -> None:
@@ -154,6 +154,8 @@ class Source:
         """Our text for msgspec's "Expected `int`, got `str` - at `$.meshes[0].mode`"."""
         if isinstance(error, RecursionError):
             return self.error(f"{start}: is nested too deeply" if start else "is nested too deeply")
+        if isinstance(error, UnicodeDecodeError):
+            return self.error(f"{start}: holds text that is not UTF-8".lstrip(": "))
         what, _, place = str(error).partition(" - at `$")
         place = (start + place.rstrip("`")).lstrip(".")
         what = what.replace("`", "")
