@@ -29,6 +29,7 @@ PATTERNS = (
     "mitsuba-data/scenes/cbox/*.xml",
     "mitsuba-data/scenes/matpreview/*.xml",
     "bitterli-*/mitsuba3/scene.xml",
+    "bitterli-*/scene-v4.pbrt",
 )
 
 # What other than a file's own values makes it the scene of the reference; see the MANIFEST there.
@@ -60,11 +61,12 @@ def references(plan: Any, notes: Any) -> list[Row]:
             continue
         job = {"xml": str(path), "defines": defines, "allow": str(SHARED), "threads": plan.threads}
         try:
-            if peer is not None:
+            if peer is not None and path.suffix == ".xml":
                 found.append({"scene": name} | _live(notes, peer, job, size, folder))
-            picture = path.parent.parent / "TungstenRender.exr"
-            if picture.exists():
-                found.append({"scene": name} | _tungsten(notes, job, picture, folder))
+            for above in (path.parent, path.parent.parent):
+                picture = above / "TungstenRender.exr"
+                if picture.exists():
+                    found.append({"scene": name} | _tungsten(notes, job, picture, folder))
         except BenchError as problem:
             notes.add(f"references: {name} was not compared: {problem}")
     (folder / "references.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
@@ -102,17 +104,22 @@ def _scenes() -> Iterator[tuple[str, Path, dict[str, str]]]:
     for pattern in PATTERNS:
         for path in sorted(SHARED.glob(pattern)):
             set_name = path.relative_to(SHARED).parts[0]
-            name = set_name if set_name in DEFINES else path.stem
-            yield name, path, DEFINES.get(set_name, {})
+            pbrt = path.suffix == ".pbrt"
+            name = set_name if pbrt or set_name in DEFINES else path.stem
+            yield name + " (pbrt)" * pbrt, path, {} if pbrt else DEFINES.get(set_name, {})
 
 
 def _size(path: Path, defines: dict[str, str]) -> tuple[int, int]:
-    """The size to render. Raises BenchError for a scene that asks for what we do not do."""
+    """The size to render. Raises BenchError for a scene that asks for what we do not do, but for
+    what stands for it in pbrt's conversions.
+    """
     import parhelion as ph
     from parhelion.io import LoadOptions
 
     try:
-        options = LoadOptions(defines=defines, allow_paths=(str(SHARED),), strict=True)
+        options = LoadOptions(
+            defines=defines, allow_paths=(str(SHARED),), strict=path.suffix == ".xml"
+        )
         settings = ph.load(path, options).settings
     except ph.ParhelionError as error:
         raise BenchError(str(error)) from error
@@ -196,7 +203,7 @@ def _tungsten(notes: Any, job: dict[str, Any], path: Path, folder: Path) -> dict
         part.unlink()
     finally:
         worker.close()
-    side_by_side(ours, picture, folder / f"{path.parent.name}-tungsten.png")
+    side_by_side(ours, picture, folder / f"{path.parent.name}-{Path(job['xml']).stem}-tungsten.png")
     ratio = ours.mean(axis=(0, 1)) / picture.mean(axis=(0, 1))
     return {
         "against": "Tungsten",
