@@ -212,6 +212,12 @@ def test_a_material_by_name_by_itself_and_by_index() -> None:
             ph.Scene([ph.Cylinders([[0, 0, 0]], [[0, 0, 0]])]),
             r"starts\[0\] and ends\[0\] are the same point",
         ),
+        (  # in single precision; more than one leaf of the tree, which crashed once
+            ph.Scene(
+                [ph.Cylinders(np.ones((20, 3)), [[2, 1, 1]] * 7 + [[1, 1, 1 + 1e-9]] * 13, 0.1)]
+            ),
+            r"starts\[7\] and ends\[7\] are the same point",
+        ),
         (
             ph.Scene([ph.Curves(np.eye(3), basis="bspline")]),
             r"counts\[0\] is 3; a bspline strand has at least 4 control points",

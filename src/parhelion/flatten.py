@@ -706,7 +706,10 @@ def _cylinders(shape: Cylinders, where: str) -> dict[str, Any]:
     ends = _rows(shape.ends, len(starts), f"{where}: ends")
     axis = ends.astype(np.float64) - starts
     size = np.linalg.norm(axis, axis=1)
-    bad = np.flatnonzero(size == 0)
+    with np.errstate(over="ignore"):  # the core names what is too far away
+        first, last = starts.astype(np.float32), ends.astype(np.float32)
+    # in single precision, as the core has them
+    bad = np.flatnonzero((size == 0) | ((first == last) & np.isfinite(first)).all(axis=1))
     if bad.size:
         raise SceneError(f"{where}: starts[{bad[0]}] and ends[{bad[0]}] are the same point")
     axis = axis / size[:, None]
