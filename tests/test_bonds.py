@@ -209,7 +209,7 @@ def test_each_half_has_its_atoms_colour() -> None:
     ("options", "ball", "stick"),
     [
         ({"radius": 0.3}, 0.3, 0.105),
-        ({"radius": "covalent"}, 0.38, 0.133),
+        ({"radius": "covalent"}, 0.38, 0.095),
         ({"radius": 0.3, "style": "licorice"}, 0.3, 0.3),
     ],
 )
@@ -221,8 +221,8 @@ def test_radii_that_are_asked_for(options: Any, ball: float, stick: float) -> No
 def test_balls_hide_the_ends_of_their_sticks() -> None:
     radii = np.array([0.1, 2, 2])
     balls, tubes = drawn(carbons([[0, 0, 0], [0, 0, 1.5], [5, 0, 0]], radii=radii))
-    assert_allclose(balls.radii, [0.35, 1, 1])
-    assert_allclose(tubes.radii, 0.35)
+    assert_allclose(balls.radii, [0.25, 1, 1])
+    assert_allclose(tubes.radii, 0.25)
 
 
 @pytest.mark.parametrize("of_file", [True, False])

@@ -199,13 +199,13 @@ OPTIONS = (
 
 # How particles are drawn; the last two show bonds.
 STYLES = ("spheres", "ball-and-stick", "licorice")
-# The balls of ball-and-stick, as a share of the spheres: the usual quarter of van der Waals radii,
-# and half of those with which neighbours touch.
-_BALLS = {"vdw": 0.25, "covalent": 0.5}
-_BALL = 0.5
-# The sticks, as a share of the median ball: 0.15 and 0.25 angstrom among carbons
-_STICK = 0.35
-_LICORICE = 0.6
+# The balls of ball-and-stick as a share of the spheres, and its sticks and those of licorice as a
+# share of the median ball: of van der Waals radii the usual quarter, so that sticks among carbons
+# are 0.15 and 0.25 angstrom; of covalent radii, and others with which neighbours touch, half; and
+# of a number that the user gives.
+_VDW = (0.25, 0.35, 0.6)
+_TOUCHING = (0.5, 0.25, 0.45)
+_GIVEN = (1.0, 0.35, 1.0)
 
 
 def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
@@ -286,7 +286,7 @@ def _radii(particles: Particles, wanted: float | str | None, style: str) -> tupl
         others = particles.elements.each(~elements.MOLECULAR[_numbers(particles.elements)])
         wanted = "covalent" if np.mean(others) > 0.25 else "vdw"
     tables = {"vdw": elements.VDW_RADII, "covalent": elements.COVALENT_RADII}
-    share = _BALL
+    ball, stick, licorice = _TOUCHING
     if wanted in tables:
         if particles.elements is None:
             raise SceneError(
@@ -294,26 +294,26 @@ def _radii(particles: Particles, wanted: float | str | None, style: str) -> tupl
             )
         table = tables[str(wanted)].astype(np.float32)
         radii: Floats = particles.elements.each(table[_numbers(particles.elements)])
-        share = _BALLS[str(wanted)]
+        ball, stick, licorice = _VDW if wanted == "vdw" else _TOUCHING
     elif wanted is not None:
         try:
             number = float(wanted)
         except ValueError:
             raise SceneError(f"{unknown_name('radius', wanted, tables)}, or a number") from None
-        radii, share = np.full(count, _positive("radius", number), np.float32), 1.0
+        radii = np.full(count, _positive("radius", number), np.float32)
+        ball, stick, licorice = _GIVEN
     elif particles.radii is not None:
         radii = particles.radii
     else:
         radii = np.full(count, 0.5 * neighbour_distance(particles.positions), np.float32)
     if style == "spheres":
         return radii, 0.0
-    balls = share * radii
+    balls = ball * radii
     middle = float(np.median(balls))
     if style == "licorice":
-        stick = middle if share == 1.0 else _LICORICE * middle
-        return np.full(count, stick, np.float32), stick
+        return np.full(count, licorice * middle, np.float32), licorice * middle
     # a ball hides the ends of its sticks
-    return np.maximum(balls, _STICK * middle), _STICK * middle
+    return np.maximum(balls, stick * middle), stick * middle
 
 
 def _positive(what: str, value: float) -> float:
