@@ -435,3 +435,15 @@ def test_an_extension_that_is_no_text(tmp_path: Path) -> None:
     """What is in extensions is decoded when it is asked for."""
     case = changed("gltf", 0, "a.gltf", b'[{"name": "a"}]', b'[{"name": "\xff"}]')
     refused(case, tmp_path, "extensions.KHR_materials_variants: holds text that is not UTF-8")
+
+
+def test_a_lamp_too_bright_for_a_number(tmp_path: Path) -> None:
+    exposure = b"float inputs:width = 2\n        float inputs:exposure = 1e8"
+    case = changed("usd", 0, "a.usda", b"float inputs:width = 2", exposure)
+    refused(case, tmp_path, "/World/Rect: its intensity is not finite, or above 1e12")
+
+
+def test_options_that_do_not_go_with_a_file_name_it(tmp_path: Path) -> None:
+    path = seed("xyz").write(tmp_path / "case")
+    with pytest.raises(ph.FormatError, match=r"case/a\.xyz: unknown field to colour by 'mass'"):
+        ph.load(path, ph.LoadOptions(color_by="mass"))

@@ -14,13 +14,13 @@ from random import Random
 import pytest
 
 from fuzz.harness import Case, Worker, made, read_cases, run, shrunk, signature
-from fuzz.seeds import READERS
+from fuzz.seeds import OPTIONS, READERS
 
 # The worker asks Linux for the memory it takes
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc")
 
 # Spoilt files of each reader
-COUNT = 60
+COUNT = 50
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,9 @@ def test_spoilt_files_are_read_or_refused(worker: Worker, reader: str) -> None:
     for case in seeds:
         said = worker.load(case)
         assert said["outcome"] == "loaded", f"{case.main}: {said['text']}"
-    tally = run(worker, reader, seeds, seed=1, count=len(seeds) + COUNT)
+    tally = run(
+        worker, reader, seeds, seed=1, count=len(seeds) + COUNT, options=OPTIONS.get(reader, ({},))
+    )
     found = [f"{name}: {said['text']}" for name, (_, said) in tally.findings.items()]
     assert not found, "\n".join(found)
     assert tally.refused > COUNT / 10

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from .harness import Case, Worker, read_cases, run, shrunk, signature
-from .seeds import READERS
+from .seeds import OPTIONS, READERS
 
 
 def main() -> int:
@@ -49,7 +49,7 @@ def main() -> int:
             seed = int(time.time()) if args.seed is None else args.seed
             tally = run(
                 worker, reader, seeds, seed=seed, seconds=args.seconds, learn=args.learn,
-                found=found,
+                options=OPTIONS.get(reader, ({},)), found=found,
             )  # fmt: skip
             line = {
                 "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
@@ -81,7 +81,9 @@ def keep(folder: Path, name: str, case: Case, said: dict[str, Any], kind: str = 
     """Writes a case and what was said of it."""
     at = folder / re.sub(r"\W+", "-", name)[:100] / kind
     case.write(at)
-    (at.parent / "report.json").write_text(json.dumps({"main": case.main} | said, indent=1))
+    (at.parent / "report.json").write_text(
+        json.dumps({"main": case.main, "options": case.options} | said, indent=1)
+    )
 
 
 def table(log: Path) -> str:

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from random import Random
@@ -34,11 +34,15 @@ GROWTH = 400 << 20
 
 @dataclass(frozen=True)
 class Case:
-    """Files by name, one of which is loaded. spoilt: those that are mutated; none for all."""
+    """Files by name, one of which is loaded. spoilt: those that are mutated; none for all.
+
+    options: of LoadOptions.
+    """
 
     main: str
     files: dict[str, bytes]
     spoilt: tuple[str, ...] = ()
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     def size(self) -> int:
         return sum(len(data) for data in self.files.values())
@@ -75,8 +79,8 @@ def read_cases(folder: Path, endings: tuple[str, ...], largest: int = 64_000) ->
     return found
 
 
-def made(seeds: list[Case], random: Random) -> Case:
-    """A seed with one or two of its files spoilt."""
+def made(seeds: list[Case], random: Random, options: Sequence[Mapping[str, Any]] = ({},)) -> Case:
+    """A seed with one or two of its files spoilt, to be loaded with some of the options."""
     seed = random.choice(seeds)
     names = list(seed.spoilt or seed.files)
     if seed.main in names:
@@ -91,7 +95,7 @@ def made(seeds: list[Case], random: Random) -> Case:
             if n.rpartition(".")[2] == ending
         ]
         files[name] = mutated(name, files[name], random, others or [files[name]])
-    return replace(seed, files=files)
+    return replace(seed, files=files, options=random.choice(options))
 
 
 class Worker:
@@ -158,7 +162,8 @@ class Worker:
         path = case.write(self.folder / "case")
         self.errors.seek(0)
         self.errors.truncate()
-        self.process.stdin.write(f"{path}\n".encode())
+        request = {"path": str(path), "options": dict(case.options)}
+        self.process.stdin.write(json.dumps(request).encode() + b"\n")
         self.process.stdin.flush()
         said, why = self._answer(WALL)
         if said is None:
@@ -266,14 +271,21 @@ class Tally:
     findings: dict[str, tuple[Case, dict[str, Any]]] = field(default_factory=dict)
 
 
-def cases(reader: str, seeds: list[Case], learned: list[Case], seed: int) -> Iterator[Case]:
+def cases(
+    reader: str,
+    seeds: list[Case],
+    learned: list[Case],
+    seed: int,
+    options: Sequence[Mapping[str, Any]],
+) -> Iterator[Case]:
     """Endlessly many cases: the seeds as they are, then spoilt ones."""
     yield from seeds
     number = 0
     while True:
         random = Random(f"{reader} {seed} {number}")
         # what is refused already ends early, whatever else is wrong with it
-        yield made(learned if learned and random.random() < 0.25 else seeds, random)
+        again = learned and random.random() < 0.25
+        yield made(learned if again else seeds, random, options)
         number += 1
 
 
@@ -283,6 +295,7 @@ def run(
     seeds: list[Case],
     *,
     seed: int = 0,
+    options: Sequence[Mapping[str, Any]] = ({},),
     seconds: float = float("inf"),
     count: int | None = None,
     learn: bool = False,
@@ -295,7 +308,7 @@ def run(
     tally = Tally()
     learned: list[Case] = []
     begun = worker.seconds()
-    for case in cases(reader, seeds, learned, seed):
+    for case in cases(reader, seeds, learned, seed, options):
         tally.cpu = worker.seconds() - begun
         if tally.cpu >= seconds or (count is not None and tally.cases >= count):
             break

@@ -79,10 +79,16 @@ def npz() -> list[Case]:
         "positions": POINTS.astype(float), "radii": np.full(4, 0.5), "colors": PIXELS[0, :4],
         "types": np.array(["A", "B", "A", "C"]), "box": np.eye(3) * 4, "origin": np.zeros(3),
         "energy": np.arange(4.0), "elements": np.array(["C", "O", "N", "H"]),
+        "bonds": np.array([[0, 1], [2, 3]]), "periodic": np.array([True, False, True]),
     }  # fmt: skip
-    for save in (np.savez, np.savez_compressed):
+    bodies: dict[str, Any] = {
+        "positions": POINTS, "shape": np.array(["ellipsoid", "box", "polyhedron", "sphere"]),
+        "half_extents": np.full((4, 3), 0.25), "orientations": np.tile([0.8, 0, 0.6, 0], (4, 1)),
+        "vertices": POINTS - 0.25, "rounding_radius": np.float64(0.1),
+    }  # fmt: skip
+    for save, kept in ((np.savez, arrays), (np.savez_compressed, arrays), (np.savez, bodies)):
         out = io.BytesIO()
-        save(out, **arrays)
+        save(out, **kept)
         cases.append(one("a.npz", out.getvalue()))
     return cases
 
@@ -90,6 +96,14 @@ def npz() -> list[Case]:
 def pdb() -> list[Case]:
     lines = [
         "HEADER    TEST",
+        "REMARK 350 BIOMOLECULE: 1",
+        "REMARK 350 APPLY THE FOLLOWING TO CHAINS: A",
+        "REMARK 350   BIOMT1   1  1.000000  0.000000  0.000000        0.00000",
+        "REMARK 350   BIOMT2   1  0.000000  1.000000  0.000000        0.00000",
+        "REMARK 350   BIOMT3   1  0.000000  0.000000  1.000000        0.00000",
+        "REMARK 350   BIOMT1   2 -1.000000  0.000000  0.000000       10.00000",
+        "REMARK 350   BIOMT2   2  0.000000 -1.000000  0.000000        0.00000",
+        "REMARK 350   BIOMT3   2  0.000000  0.000000  1.000000        5.00000",
         "CRYST1   20.000   20.000   20.000  90.00  90.00  90.00 P 1           1",
     ]
     for number, name in enumerate(("N", "CA", "C", "O", "CB"), 1):
@@ -97,8 +111,8 @@ def pdb() -> list[Case]:
             f"ATOM  {number:5d}  {name:<3s} ALA A   1    {number:8.3f}{2.5:8.3f}{-1.25:8.3f}"
             f"  1.00 20.00          {name[0]:>2s}"
         )
-    lines += ["HETATM    6  O   HOH A   2       9.000   9.000   9.000  1.00 20.00           O",
-              "TER", "CONECT    1    2    3", "ENDMDL", "END"]  # fmt: skip
+    water = "HETATM    6  O   HOH A   2       9.000   9.000   9.000  1.00 20.00           O"
+    lines += [water, "TER", "CONECT    1    2    3", "ENDMDL", "END"]
     return [one("a.pdb", "\n".join(lines) + "\n")]
 
 
@@ -116,6 +130,7 @@ def gsd() -> list[Case]:
         return []
     from gsd import hoomd
 
+    corners = (POINTS - 0.25).tolist()
     with scratch("a.gsd") as path:
         with hoomd.open(str(path), "w") as file:
             for step in range(2):
@@ -129,6 +144,10 @@ def gsd() -> list[Case]:
                 frame.particles.diameter = [1, 2, 1, 0.5]
                 frame.particles.velocity = POINTS
                 frame.particles.orientation = np.tile([1.0, 0, 0, 0], (4, 1))
+                frame.particles.type_shapes = [
+                    {"type": "Ellipsoid", "a": 0.5, "b": 0.25, "c": 0.25},
+                    {"type": "ConvexPolyhedron", "rounding_radius": 0, "vertices": corners},
+                ]
                 frame.bonds.N = 1
                 frame.bonds.group = [[0, 1]]
                 file.append(frame)
@@ -747,4 +766,19 @@ READERS: dict[str, tuple[tuple[str, ...], Callable[[], list[Case]]]] = {
     "pdb": ((".pdb",), pdb),
     "gro": ((".gro",), gro),
     "images": ((), images),
+}
+
+_PARTICLES: tuple[dict[str, Any], ...] = (
+    {}, {}, {"style": "ball-and-stick", "box": True, "wrap": True}, {"style": "licorice"},
+    {"bond_length": 1.5, "style": "ball-and-stick"}, {"frame": -1}, {"radius": "covalent"},
+    {"color_by": "energy"}, {"color_by": "mass", "color_range": (0.0, 1.0)}, {"wrap": True},
+)  # fmt: skip
+# reader -> options with which its files are loaded, one after the other's turn by chance
+OPTIONS: dict[str, tuple[dict[str, Any], ...]] = {
+    **dict.fromkeys(("xyz", "lammps", "npz", "gsd", "gro"), _PARTICLES),
+    "pdb": (*_PARTICLES, {"assembly": 1}, {"assembly": 1, "style": "licorice"}),
+    "gltf": ({}, {}, {"time": 0.5}, {"variant": "a"}),
+    "usd": ({}, {}, {"frame": 5}),
+    "obj": ({}, {"up": "-z"}),
+    "ply": ({}, {}, {"color_by": "heat"}),
 }

@@ -85,14 +85,14 @@ class Notes(logging.Handler):
         self.lines.append(record.getMessage())
 
 
-def case(path: str, notes: Notes) -> dict[str, Any]:
+def case(path: str, options: dict[str, Any], notes: Notes) -> dict[str, Any]:
     """Loads, prepares and renders a file: what came of it."""
     said: dict[str, Any] = {"outcome": "loaded", "text": ""}
     notes.lines.clear()
     folder = str(Path(path).parent)
     stage = "load"
     try:
-        scene = ph.load(path)
+        scene = ph.load(path, ph.LoadOptions(**options))
         stage = "prepare"
         prepared = ph.prepare(scene)
         stage = "render"
@@ -135,10 +135,10 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (room, room))
     print(json.dumps({"ready": True}), file=answers, flush=True)
     for line in sys.stdin:
-        path, before = line.rstrip("\n"), left_over()
+        request, before = json.loads(line), left_over()
         reset_peak()
         start, resident = time.process_time(), status("VmRSS")
-        said = case(path, notes)
+        said = case(request["path"], request["options"], notes)
         said["seconds"] = time.process_time() - start
         said["peak"] = status("VmHWM") - resident
         gc.collect()

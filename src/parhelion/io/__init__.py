@@ -163,6 +163,10 @@ def load(
     except (OSError, MemoryError) as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise FormatError(f"{file}: cannot be read: {reason}") from error
+    except FormatError:
+        raise
+    except SceneError as error:  # what the file holds does not go with the options
+        raise FormatError(f"{file}: {error}") from None
     except RecursionError:
         raise FormatError(f"{file}: is nested too deeply") from None
     assert isinstance(scene, Scene)

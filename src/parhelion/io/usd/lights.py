@@ -68,7 +68,7 @@ def _power(r: Reader, prim: Any) -> Color:
     if _input(r, prim, "enableColorTemperature", False):
         kelvin = _number(r, prim, "colorTemperature", 6500.0)
         color = color * UsdLux.BlackbodyTemperatureAsRgb(min(max(kelvin, 1000.0), 10000.0))
-    color = color * _number(r, prim, "intensity", 1.0) * 2.0 ** _number(r, prim, "exposure")
+    color = color * _number(r, prim, "intensity", 1.0) * np.exp2(_number(r, prim, "exposure"))
     if not np.isfinite(color).all() or color.max() > 1e12:
         raise r.error(prim, "its intensity is not finite, or above 1e12")
     for name, usual in (("diffuse", 1.0), ("specular", 1.0)):
