@@ -41,6 +41,8 @@ _TYPES = {
     "float64": "f8",
 }
 _LONGEST_HEADER = 1 << 16
+# Items of lists that are all of one size, up to which they are read as columns
+_FEW = 16
 _UV_NAMES = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
 _ENDINGS = (("r", "g", "b"), ("x", "y", "z"), ("0", "1", "2"))
 
@@ -81,6 +83,13 @@ class _Body:
     def values(self, at: Integers, item: str) -> Floats | Integers:
         """The values at these places; past the end they are 0."""
         width = self.width(item)
+        step = int(at[1] - at[0]) if len(at) > 1 else 0
+        there = not self.text and step > 0 and at[-1] + width <= len(self.data)
+        if there and (np.diff(at) == step).all():  # a column of records of one length
+            stored = np.dtype(item).newbyteorder(self.order)
+            column = np.ndarray(len(at), stored, self.data, int(at[0]), step)
+            found: Integers | Floats = column.astype(item)
+            return found
         inside = np.minimum(at, len(self.data) - width)
         if self.text:
             numbers = np.where(at == inside, self.data[inside], 0.0)
@@ -213,9 +222,14 @@ def _element(body: _Body, element: _Element, begin: int) -> _Found:
             raise FormatError(
                 f"{body.path}: is cut short: list {p.name!r} of element {element.name!r}"
             )
-        own = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
-        items = np.repeat(place, counts) + own * body.width(p.item)
-        lists[p.name] = (counts, body.values(items, p.item).astype(np.int64))
+        width, size = body.width(p.item), int(counts[0])
+        if size < _FEW and (counts == size).all():
+            columns = [body.values(place + k * width, p.item) for k in range(size)]
+            items = np.stack(columns, axis=1).ravel() if columns else np.empty(0, np.int64)
+        else:
+            own = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
+            items = body.values(np.repeat(place, counts) + own * width, p.item)
+        lists[p.name] = (counts, items.astype(np.int64))
         place = after
     if int(place[-1]) > len(body.data):
         raise FormatError(f"{body.path}: is cut short: element {element.name!r}")
