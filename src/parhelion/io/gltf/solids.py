@@ -17,14 +17,13 @@ SIDES = 64
 MOST_SIDES = 1024
 
 
-def sides(radius: float, usual: float) -> int:
-    """Into how many sides a circle is divided: those of large spheres deviate as little as those of
+def sides(radii: Any, usual: float) -> NDArray[np.int64]:
+    """Into how many sides circles are divided: those of large spheres deviate as little as those of
     the usual radius do, as far as that is possible.
     """
-    count = SIDES
-    while count < MOST_SIDES and radius * SIDES**2 > usual * count**2:
-        count *= 2
-    return count
+    larger = np.maximum(np.asarray(radii, np.float64) / usual, 1.0)
+    wanted = SIDES * 2.0 ** np.ceil(0.5 * np.log2(larger))  # the deviation goes by its square
+    return np.asarray(np.minimum(wanted, MOST_SIDES), np.int64)
 
 
 def _grid(columns: int, rows: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

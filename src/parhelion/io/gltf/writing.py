@@ -207,7 +207,7 @@ class _Writer:
         for i, name in enumerate(sets):
             given = mesh.attributes.get(name) if name else mesh.uvs
             if given is None:
-                self._reports.add(f"shape {mesh.name!r}: has no texture coordinates {name!r}")
+                self._reports.add(f"shape {mesh.name!r}: has no {name!r}, which a texture lies on")
                 given = np.zeros((count, 2), np.float32)
             attributes[f"TEXCOORD_{i}"] = array(name or "uvs", given, _downwards)
         if surface.color or surface.alpha:
@@ -253,8 +253,7 @@ class _Writer:
         sides = np.full(count, solids.SIDES)
         if isinstance(shape, Spheres) and count:
             radii = np.broadcast_to(np.asarray(shape.radii, np.float64), count)
-            each, index = np.unique(radii, return_inverse=True)
-            sides = np.array([solids.sides(r, self._usual) for r in each.tolist()])[index]
+            sides = solids.sides(radii, self._usual)
         material = np.zeros(count, np.int64)
         named = isinstance(shape.material, (str, Material))
         if not named:
@@ -266,11 +265,8 @@ class _Writer:
         color = np.zeros((count, 3), np.int64)
         if shape.colors is not None:
             color = self._rounded(np.asarray(shape.colors, np.float32))
-        rows = np.column_stack([sides, material, color])
-        groups, index = np.unique(rows, axis=0, return_inverse=True)
-        index = index.reshape(-1)
-        for i, (n, m, *_) in enumerate(groups.tolist()):
-            own = index == i
+        for own in _alike(sides, material, *color.T):
+            n, m = int(sides[own[0]]), int(material[own[0]])
             surface = shape.material if named else m
             if shape.colors is not None:
                 # the mean is theirs exactly, where all are the same
@@ -298,12 +294,12 @@ class _Writer:
     def _rounded(self, colors: NDArray[np.float32]) -> NDArray[np.int64]:
         """(N, 3) numbers that are the same where colours are, or nearly so if there are many."""
         exact = np.ascontiguousarray(colors).view(np.uint32).astype(np.int64)
-        if len(np.unique(exact, axis=0)) <= _MOST_COLORS:
+        if len(_alike(*exact.T)) <= _MOST_COLORS:
             return exact
         encoded = srgb_encoded(colors)
         for steps in (255, 127, 63, 31, 15, 10):
             found = np.asarray(encoded * np.float32(steps) + np.float32(0.5), np.int64)
-            if len(np.unique(found, axis=0)) <= _MOST_COLORS:
+            if len(_alike(*found.T)) <= _MOST_COLORS:
                 break
         self._reports.add(
             f"more than {_MOST_COLORS} colours of spheres, disks or cylinders: rounded to"
@@ -490,6 +486,17 @@ def _by_material(material: Any, count: int) -> Iterable[tuple[Any, NDArray[np.in
     for i in np.argsort(first).tolist():
         own = np.flatnonzero(index.reshape(-1) == i)
         yield used[i].item(), None if len(own) == count else own
+
+
+def _alike(*columns: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """The indices of rows that are the same in all columns, for each such row."""
+    code = np.zeros(len(columns[0]), np.int64)
+    for column in columns:
+        each, index = np.unique(column, return_inverse=True)
+        code = np.unique(code * len(each) + index, return_inverse=True)[1]
+    order = np.argsort(code, kind="stable")
+    ends = np.flatnonzero(np.diff(code[order])) + 1
+    return [part for part in np.split(order, ends) if len(part)]
 
 
 def _usual_radius(shapes: Sequence[Shape]) -> float:

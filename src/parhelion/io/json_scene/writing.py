@@ -69,13 +69,19 @@ def dumps(scene: model.Scene, folder: str | os.PathLike[str] = ".") -> bytes:
 
     Raises SceneError for a scene that the format cannot hold, or that load() would refuse.
     """
-    return _encoded(scene, Path(folder) / "scene.json", None)[0]
+    try:
+        return _encoded(scene, Path(folder) / "scene.json", None)[0]
+    except SceneError as error:
+        raise SceneError(f"scene {scene.name!r} cannot be written: {error}") from None
 
 
 def _encoded(
     scene: model.Scene, path: Path, packing: Packing | None
 ) -> tuple[bytes, Arrays | None]:
-    """The text of the document at that path, and its side file, if that is wanted and needed."""
+    """The text of the document at that path, and its side file, if that is wanted and needed.
+
+    Raises SceneError.
+    """
     home = path.parent
     writer = _Writer(scene.materials, home, packing)
     framed = isinstance(scene.camera, model.Framing)
@@ -104,7 +110,7 @@ def _encoded(
         parse(text, folders)
     except (TypeError, ValueError, RecursionError) as error:
         hint = " (as NaN and infinity are written)" if "is null;" in str(error) else ""
-        raise SceneError(f"scene {scene.name!r} cannot be written: {error}{hint}") from None
+        raise SceneError(f"{error}{hint}") from None
     return text, arrays
 
 
