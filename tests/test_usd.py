@@ -604,6 +604,12 @@ def "B" (prepend references = @./parts/a.usda@
     assert shapes["/A/S"].radii == 3
     assert shapes["/B/S"].radii == 1
     np.testing.assert_allclose(shapes["/A/S"].centers, [[5, 0, 0]])
+    shapes = named(read(tmp_path, body, variant="size = small"))
+    assert (shapes["/A/S"].radii, shapes["/B/S"].radii) == (1, 1)
+    with pytest.raises(
+        ph.FormatError, match=r"unknown variant 'size=tiny'.*size=large, size=small"
+    ):
+        read(tmp_path, body, variant="size=tiny")
 
 
 # --- Refused -------------------------------------------------------------------------------------

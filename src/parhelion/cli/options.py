@@ -50,7 +50,9 @@ def add_loading(parser: argparse.ArgumentParser, required: bool = False) -> None
         "--time", type=float, metavar="SECONDS", help="of a scene's animations; else its rest pose"
     )
     group.add_argument(
-        "--variant", metavar="NAME", help="which of a glTF scene's sets of materials it has"
+        "--variant",
+        metavar="NAME",
+        help="which of a glTF scene's sets of materials it has; of a USD stage SET=NAME,...",
     )
     group = parser.add_argument_group("view and light")
     group.add_argument(

@@ -88,7 +88,8 @@ class LoadOptions:
     name in studio.VIEWS. environment: a panorama's file, instead of the scene's background. ground:
     a ground below all for shadows to fall on.
     time: seconds of a scene's animations; None for the pose that it is stored in. variant: the name
-    of one of a scene's sets of materials; None for those that it begins with.
+    of one of a scene's sets of materials, of USD "set=name" and more such after commas; None for
+    those that it begins with.
     """
 
     color_by: str | None = None

@@ -16,7 +16,7 @@ from .. import LoadOptions
 NAME = "USD"
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 PACKED = False
-OPTIONS = ("frame",)
+OPTIONS = ("frame", "variant")
 BARE = True
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pxr import Ar, Pcp, Sdf, Tf, Usd, UsdUtils
 
-from ...errors import FormatError, SceneError
+from ...errors import FormatError, SceneError, unknown_name
 from .. import LoadOptions
 from ..files import Folders, Reports
 from . import crate, growth
@@ -36,6 +36,8 @@ def opened(path: Path, options: LoadOptions) -> Iterator[tuple[Any, Folders, Rep
         layers = _layers(path, folders, reports)
         growth.refuse(layers, str(path))
         stage = Usd.Stage.Open(layers[0])
+        if options.variant is not None:
+            _select(stage, options.variant)
         for error in stage.GetCompositionErrors():
             if isinstance(error, (Pcp.ErrorArcCycle, Pcp.ErrorSublayerCycle)):
                 raise FormatError(f"{path}: {_sentence(str(error), path)}")
@@ -56,6 +58,27 @@ def opened(path: Path, options: LoadOptions) -> Iterator[tuple[Any, Folders, Rep
         raise FormatError(text if text.startswith(str(path)) else f"{path}: {text}") from None
     finally:
         quiet.TakeUncoalescedDiagnostics()
+
+
+def _select(stage: Any, wanted: str) -> None:
+    """Chooses variants, "set=name" and more after commas, on every prim that has the set.
+
+    They are chosen in turn, since one may bring in another. Raises SceneError.
+    """
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for choice in wanted.split(","):
+            name, _, variant = (part.strip() for part in choice.partition("="))
+            sets = [
+                prim.GetVariantSet(own)
+                for prim in stage.TraverseAll()
+                for own in prim.GetVariantSets().GetNames()
+            ]
+            known = {f"{s.GetName()}={v}" for s in sets for v in s.GetVariantNames()}
+            if f"{name}={variant}" not in known:
+                raise SceneError(unknown_name("variant", choice.strip(), known))
+            for own in sets:
+                if own.GetName() == name and variant in own.GetVariantNames():
+                    own.SetVariantSelection(variant)
 
 
 def _layers(path: Path, folders: Folders, reports: Reports) -> list[Any]:
