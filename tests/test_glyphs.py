@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import parhelion as ph
@@ -156,10 +158,9 @@ def test_ellipsoids_have_their_own_axes_turns_and_colours() -> None:
     found = {}
     for group in groups:
         assert isinstance(group, Instances)
-        (ball,) = group.shapes
-        for matrix in group.transforms:
-            found[tuple(matrix[:, 3])] = matrix[:, :3], ball.colors[0]
-    assert len(groups) == 2  # two are red
+        for matrix, color in zip(group.transforms, group.colors, strict=True):
+            found[tuple(matrix[:, 3])] = matrix[:, :3], color
+    assert len(groups) == 1
     for i, expected in ((0, np.diag(axes[0])), (1, np.roll(np.diag(axes[1]), 1, axis=0))):
         matrix, color = found[tuple(places[i])]
         assert_allclose(matrix, expected, atol=1e-12)
@@ -211,8 +212,12 @@ def test_colours_by_a_field_stay() -> None:
     values = np.arange(count) % 7.0
     particles = Particles(random.uniform(0, 20, (count, 3)), glyphs=drawn, fields={"v": values})
     scene = to_scene(particles, LoadOptions(color_by="v", color_range=(0, 6)), "")
-    assert len(scene.shapes) == 7
-    assert sum(len(group.transforms) for group in scene.shapes) == count  # type: ignore[union-attr]
+    (group,) = scene.shapes
+    assert isinstance(group, Instances)
+    assert len(group.transforms) == count
+    expected = Particles(particles.positions, radii=np.ones(count), fields={"v": values})
+    plain = to_scene(expected, LoadOptions(color_by="v", color_range=(0, 6)), "").shapes[0]
+    assert_array_equal(group.colors, plain.colors)  # type: ignore[arg-type, union-attr]
 
 
 ONE = np.ones((1, 3))
@@ -410,6 +415,8 @@ def test_gsd_of_all_shapes_at_once(tmp_path: Path) -> None:
             {"type": "ConvexPolyhedron", "vertices": [[1, 2], [3]]},
             "vertices are not (M, 3) numbers",
         ),
+        ({"type": "ConvexPolyhedron", "vertices": [[10**400, 0, 0]]}, "vertices are not (M, 3)"),
+        ({"type": "Sphere", "diameter": 10**400}, "type_shapes of 'A': "),
         ({"type": "ConvexPolyhedron", "vertices": []}, "vertices have shape (0,)"),
         ({"type": "ConvexPolyhedron", "vertices": 7}, "vertices have shape ()"),
         ({"type": "ConvexPolyhedron", "vertices": [[1, 2, 3]]}, "lie in a line"),
@@ -426,6 +433,42 @@ def test_bad_shapes_in_gsd(tmp_path: Path, shape: Any, words: str) -> None:
         io.load(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert words in str(caught.value)
+
+
+NUMBERS = st.one_of(
+    st.floats(-3, 3), st.sampled_from([0, -1, 1e300, float("nan"), float("inf"), 10**400, True])
+)
+ANYTHING = st.one_of(NUMBERS, st.none(), st.text(max_size=3), st.lists(NUMBERS, max_size=3))
+ROWS = st.lists(st.one_of(st.lists(NUMBERS, min_size=2, max_size=3), ANYTHING), max_size=6)
+
+
+@given(
+    st.fixed_dictionaries(
+        {"type": st.sampled_from([s["type"] for s, _ in SHAPES if s])},
+        optional={
+            **dict.fromkeys(("a", "b", "c", "diameter", "rounding_radius"), ANYTHING),
+            **dict.fromkeys(("vertices", "indices", "centers", "diameters"), ROWS),
+        },
+    )
+)
+@settings(max_examples=100, deadline=None)
+def test_any_shape_is_a_body_or_one_error(shape: dict[str, Any]) -> None:
+    pytest.importorskip("gsd")
+    from parhelion.io import gsd_file
+
+    kinds = Labels(np.zeros(2, int), ("A",))
+    try:
+        drawn, radii = gsd_file._glyphs([json.dumps(shape)], kinds, None)
+    except ph.SceneError as error:
+        if not str(error).startswith("particles/type_shapes of 'A': "):
+            raise
+        return
+    assert (radii >= 0).all()
+    particles = Particles(np.eye(3)[:2], glyphs=drawn, radii=np.maximum(radii, 0.5))
+    for thing in to_scene(particles, LoadOptions(), "").shapes:
+        for solid in getattr(thing, "shapes", [thing]):
+            for key in ("vertices", "centers", "starts", "ends", "radii"):
+                assert np.isfinite(np.asarray(getattr(solid, key, 0.0))).all()
 
 
 def test_gsd_orientations_of_nothing(tmp_path: Path) -> None:

@@ -314,7 +314,7 @@ def polygon(vertices: ArrayLike, rounding: float = 0.0) -> Body:
 def _points(values: ArrayLike) -> NDArray[np.float64]:
     try:
         points = np.asarray(values, np.float64)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         raise SceneError("vertices are not (M, 3) numbers") from None
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise SceneError(f"vertices have shape {points.shape}, not (M, 3)")

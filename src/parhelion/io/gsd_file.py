@@ -129,7 +129,7 @@ def _glyphs(
             body, sizes[kind], radii[kind] = _body(shape)
         except KeyError as error:
             raise SceneError(f"particles/type_shapes of {name!r}: lacks {error}") from None
-        except (RecursionError, TypeError, ValueError) as error:
+        except (OverflowError, RecursionError, TypeError, ValueError) as error:
             # SceneErrors are ValueErrors too
             raise SceneError(f"particles/type_shapes of {name!r}: {str(error)[:200]}") from None
         bodies.append(body)
