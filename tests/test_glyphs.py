@@ -355,7 +355,7 @@ SHAPES: list[tuple[Any, list[str]]] = [
 ]
 
 
-def gsd_file(path: Path, shapes: list[Any], orientation: Any = None) -> Path:
+def gsd_file(path: Path, shapes: list[Any], orientation: Any = None, **more: Any) -> Path:
     """Two particles of each type, by texts or objects that are their shapes."""
     fl = pytest.importorskip("gsd.fl")
     texts = [s if isinstance(s, str) else json.dumps(s) for s in shapes]
@@ -366,7 +366,8 @@ def gsd_file(path: Path, shapes: list[Any], orientation: Any = None) -> Path:
         file.write_chunk("particles/N", np.array([count], np.uint32))
         positions = np.arange(3.0 * count).reshape(count, 3)
         file.write_chunk("particles/position", positions.astype(np.float32))
-        file.write_chunk("particles/typeid", np.arange(count, dtype=np.uint32) // 2)
+        ids = np.arange(count, dtype=np.uint32) // 2
+        file.write_chunk("particles/typeid", np.asarray(more.get("typeid", ids)))
         names = np.array([[ord("A") + i, 0] for i in range(len(shapes))], np.int8)
         file.write_chunk("particles/types", names)
         rows = np.array([list(t.encode().ljust(width, b"\0")) for t in texts], np.int8)
@@ -479,8 +480,15 @@ def test_gsd_orientations_of_nothing(tmp_path: Path) -> None:
         io.load(path)
     # spheres need none
     io.load(gsd_file(path, [{}], [0, 0, 0, 0]))
-    with pytest.raises(ph.FormatError, match=r"particles/orientation is not \(N, 4\)"):
+    with pytest.raises(ph.FormatError, match=r"particles/orientation has shape \(2, 3\)"):
         io.load(gsd_file(path, [{}], [0, 0, 0]))
+
+
+@pytest.mark.parametrize("ids", [[0, 1], [-1, 0], [0.0, 0.5], [[0, 0]]])
+def test_gsd_types_that_are_not_there(tmp_path: Path, ids: Any) -> None:
+    path = gsd_file(tmp_path / "a.gsd", [{}], typeid=ids)
+    with pytest.raises(ph.FormatError, match="particles/typeid has a type that"):
+        io.load(path)
 
 
 def test_labels_of_types_choose_shapes() -> None:

@@ -105,7 +105,7 @@ def _particles(file: Any, frame: int) -> Particles:
     glyphs = None
     shapes = chunk("particles/type_shapes")
     if shapes is not None:
-        glyphs, given = _glyphs(_texts(shapes), labels, fields.get("orientation"))
+        glyphs, given = _glyphs(_texts(shapes), labels, chunk("particles/orientation"))
         if given.any():
             radii = np.where(given > 0, given, 0.5 if radii is None else radii)
     bonds = chunk("bonds/group")
@@ -113,7 +113,7 @@ def _particles(file: Any, frame: int) -> Particles:
 
 
 def _glyphs(
-    texts: list[str], types: Labels, turns: NDArray[Any] | Labels | None
+    texts: list[str], types: Labels, turns: NDArray[Any] | None
 ) -> tuple[Glyphs, NDArray[np.float64]]:
     """What particles are drawn as, by the JSON texts of their types' shapes; and the radii, (N,),
     of those that are spheres of a diameter, of others 0.
@@ -133,8 +133,8 @@ def _glyphs(
             # SceneErrors are ValueErrors too
             raise SceneError(f"particles/type_shapes of {name!r}: {str(error)[:200]}") from None
         bodies.append(body)
-    if turns is not None and (isinstance(turns, Labels) or turns.shape[1:] != (4,)):
-        raise SceneError("particles/orientation is not (N, 4) numbers")
+    if turns is not None and turns.shape != (len(types.codes), 4):
+        raise SceneError(f"particles/orientation has shape {turns.shape}, not (N, 4)")
     glyphs = Glyphs(bodies, types.codes, types.each(sizes), turns)
     return glyphs, np.asarray(types.each(radii), np.float64)
 
@@ -169,7 +169,8 @@ def _body(shape: dict[str, Any]) -> tuple[Body | None, Any, float]:
 def _labels(ids: NDArray[Any], types: NDArray[Any] | None) -> Labels:
     """The schema's default is one type, "A"; names are rows of bytes that end in zeros."""
     names = ["A"] if types is None else _texts(types)
-    if ids.ndim != 1 or (len(ids) and int(ids.max()) >= len(names)):
+    whole = ids.ndim == 1 and ids.dtype.kind in "iu"
+    if not whole or (len(ids) and not 0 <= int(ids.min()) <= int(ids.max()) < len(names)):
         raise SceneError("particles/typeid has a type that particles/types does not name")
     return Labels(ids, tuple(names))
 
