@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 # sphere of them; its corners are 13 % farther out.
 _AROUND = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
 _AROUND *= 1.1281 / np.linalg.norm(_AROUND, axis=1, keepdims=True)
-# Points of copies of shapes that are looked at one by one
-_MOST_POINTS = 10_000_000
+# Points of copies of shapes that are looked at one by one; of so many, those at the rim are few.
+_MOST_POINTS = 1_000_000
 
 
 def placed(scene: Scene, aspect: float) -> Camera:
@@ -104,10 +104,22 @@ def hull(shape: Shape) -> Iterator[tuple[Array, Array]]:
     else:
         matrices = np.asarray(shape.transforms, dtype=np.float64)[:, :3]
         parts = [piece for part in shape.shapes for piece in hull(part) if piece[0].size]
-        if sum(len(centers) for centers, _ in parts) * len(matrices) * len(_AROUND) > _MOST_POINTS:
+        even = _even(matrices)
+        points = sum(len(c) * (1 if even or not np.any(r) else len(_AROUND)) for c, r in parts)
+        if points * len(matrices) > _MOST_POINTS:
             parts = [_corners(parts)]
         for centers, radii in parts:
-            yield _copies(centers, radii, matrices)
+            yield _copies(centers, radii, matrices, even)
+
+
+def _even(matrices: Array) -> bool:
+    """Whether (M, 3, 4) matrices turn and scale by the same in all directions, so that spheres
+    stay spheres.
+    """
+    turns = matrices[:, :, :3]
+    squares = np.sum(turns[:, :, 0] ** 2, axis=1)[:, None, None]
+    off = turns.transpose(0, 2, 1) @ turns - squares * np.eye(3)
+    return bool((np.abs(off) <= 1e-6 * squares).all())
 
 
 def _corners(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
@@ -118,23 +130,18 @@ def _corners(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
     return corners, np.float64(0.0)
 
 
-def _copies(centers: Array, radii: Array, matrices: Array) -> tuple[Array, Array]:
+def _copies(centers: Array, radii: Array, matrices: Array, even: bool) -> tuple[Array, Array]:
     """Spheres that hold copies of spheres, by (M, 3, 4) matrices.
 
-    What is neither turned nor scaled evenly becomes an ellipsoid, held by the corners of a
-    polyhedron.
+    Where these are not even, spheres become ellipsoids, held by the corners of polyhedra.
     """
-    turns = matrices[:, :, :3].transpose(0, 2, 1)
-    scales = np.linalg.norm(turns, axis=2)
-    squares = scales[:, :1, None] ** 2
-    off = turns @ turns.transpose(0, 2, 1) - squares * np.eye(3)
-    even = not np.any(radii) or bool((np.abs(off) <= 1e-6 * squares).all())
-    if not even:
+    if not even and np.any(radii):
         sizes = np.broadcast_to(radii, len(centers))[:, None, None]
         centers = (centers[:, None] + sizes * _AROUND).reshape(-1, 3)
         radii = np.float64(0.0)
-    placed_centers = centers @ turns + matrices[:, None, :, 3]
-    sizes = np.broadcast_to(radii * scales[:, :1], placed_centers.shape[:2])
+    placed_centers = centers @ matrices[:, :, :3].transpose(0, 2, 1) + matrices[:, None, :, 3]
+    scales = np.linalg.norm(matrices[:, :, 0], axis=1)
+    sizes = np.broadcast_to(radii * scales[:, None], placed_centers.shape[:2])
     return placed_centers.reshape(-1, 3), sizes.reshape(-1)
 
 
