@@ -447,3 +447,11 @@ def test_options_that_do_not_go_with_a_file_name_it(tmp_path: Path) -> None:
     path = seed("xyz").write(tmp_path / "case")
     with pytest.raises(ph.FormatError, match=r"case/a\.xyz: unknown field to colour by 'mass'"):
         ph.load(path, ph.LoadOptions(color_by="mass"))
+
+
+def test_lists_whose_sizes_overflow(tmp_path: Path) -> None:
+    """Sizes may be floating-point numbers, and a record may have several lists."""
+    lists = b"property list double double a\n" * 3
+    head = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+    head += b"property float z\n" + lists + b"end_header\n"
+    refused(alone("a.ply", head + b"0 0 0 9e18 9e18 9e18 1 2 3\n" * 3), tmp_path, "is cut short")

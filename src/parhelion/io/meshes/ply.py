@@ -193,11 +193,15 @@ def _element(body: _Body, element: _Element, begin: int) -> _Found:
     if not smallest:
         return begin, numbers, lists
 
+    def sizes(at: Integers, count: str) -> Integers:
+        """Of lists; what reaches beyond the end does so by a little, lest places overflow."""
+        return np.minimum(body.values(at, count).astype(np.int64), len(body.data) + 1)
+
     def step(at: Integers) -> Integers:
         """Where the records end that begin at these places."""
         for p in element.properties:
             if p.count:
-                counts = body.values(at, p.count).astype(np.int64)
+                counts = sizes(at, p.count)
                 at = at + body.width(p.count) + np.maximum(counts, 0) * body.width(p.item)
             else:
                 at = at + body.width(p.item)
@@ -210,7 +214,7 @@ def _element(body: _Body, element: _Element, begin: int) -> _Found:
             numbers[p.name] = body.values(place, p.item)
             place = place + body.width(p.item)
             continue
-        counts = body.values(place, p.count).astype(np.int64)
+        counts = sizes(place, p.count)
         if (counts < 0).any():
             bad = int(np.argmax(counts < 0))
             raise FormatError(
