@@ -450,8 +450,8 @@ def test_options_that_do_not_go_with_a_file_name_it(tmp_path: Path) -> None:
 
 
 def test_lists_whose_sizes_overflow(tmp_path: Path) -> None:
-    """Sizes may be floating-point numbers, and a record may have several lists."""
-    lists = b"property list double double a\n" * 3
-    head = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
-    head += b"property float z\n" + lists + b"end_header\n"
-    refused(alone("a.ply", head + b"0 0 0 9e18 9e18 9e18 1 2 3\n" * 3), tmp_path, "is cut short")
+    """Sizes may be floating-point numbers; those of this file come to places below 0."""
+    head = b"ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty list float int a\n"
+    head += b"property float x\nproperty float y\nproperty float z\nend_header\n"
+    body = struct.pack("<4f", 4e18, 1, 2, 3) * 20
+    refused(alone("a.ply", head + body), tmp_path, "is cut short: list 'a' of element 'vertex'")
