@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .errors import FormatError, ParhelionError, ResourceError, SceneError
     from .image import Image
     from .io import LoadOptions, load
+    from .io.frames import load_frames
     from .objects import scene_of
     from .orbit import turntable
     from .progress import Progress
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from .scene import (
         Background,
         Camera,
+        ColorBar,
         Curves,
         Cylinders,
         Disks,
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
         Scene,
         Settings,
         Spheres,
+        Swatches,
         Texture,
     )
     from .sequence import save_sequence
@@ -51,6 +54,7 @@ _HOMES = {
     "Image": "image",
     "LoadOptions": "io",
     "load": "io",
+    "load_frames": "io.frames",
     "save": "saving",
     "scene_of": "objects",
     "Prepared": "renderer",
@@ -59,6 +63,7 @@ _HOMES = {
     "render": "renderer",
     "Background": "scene",
     "Camera": "scene",
+    "ColorBar": "scene",
     "Framing": "scene",
     "Material": "scene",
     "Curves": "scene",
@@ -71,6 +76,7 @@ _HOMES = {
     "Scene": "scene",
     "Settings": "scene",
     "Spheres": "scene",
+    "Swatches": "scene",
     "save_sequence": "sequence",
     "conductor": "spectra",
     "turntable": "orbit",
@@ -80,6 +86,7 @@ _HOMES = {
 __all__ = [
     "Background",
     "Camera",
+    "ColorBar",
     "Curves",
     "Cylinders",
     "Disks",
@@ -99,9 +106,11 @@ __all__ = [
     "SceneError",
     "Settings",
     "Spheres",
+    "Swatches",
     "Texture",
     "conductor",
     "load",
+    "load_frames",
     "prepare",
     "render",
     "save",

@@ -77,12 +77,13 @@ def placed(scene: Scene, aspect: float) -> Camera:
 
 def subject(scene: Scene) -> Iterator[tuple[Array, Array]]:
     """Centres (N, 3) and radii, (N,) or one, that hold the shapes that the scene is about."""
-    names = scene.camera.shapes if isinstance(scene.camera, Framing) else ()
-    for shape in scene.shapes:
-        if not names or shape.name in names:
-            for centers, radii in hull(shape):
-                if centers.size:
-                    yield centers, radii
+    about = scene.camera.shapes if isinstance(scene.camera, Framing) else ()
+    names = [shape for shape in about if isinstance(shape, str)]
+    shown = [shape for shape in scene.shapes if not about or shape.name in names]
+    for shape in (*shown, *(shape for shape in about if not isinstance(shape, str))):
+        for centers, radii in hull(shape):
+            if centers.size:
+                yield centers, radii
 
 
 def hull(shape: Shape) -> Iterator[tuple[Array, Array]]:

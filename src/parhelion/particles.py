@@ -20,7 +20,7 @@ from .bonds import NEAREST, TOLERANCE, Indices, by_distance, sticks
 from .boxes import Box, outline
 from .errors import SceneError, unknown_name
 from .glyphs import Glyphs, drawn
-from .scene import Instances, Material, Scene, Shape, Spheres
+from .scene import ColorBar, Instances, Material, Scene, Shape, Spheres, Swatches
 from .spectra import decode_srgb
 from .studio import framing
 
@@ -229,7 +229,7 @@ def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
         particles = replace(particles, positions=particles.box.wrapped(particles.positions))
     with np.errstate(over="ignore"):
         radii, stick = _radii(particles, options.radius, options.style)
-        colors = _colors(particles, options)
+        colors, legend = _colors(particles, options)
     # two-dimensional systems are looked at from straight above
     flat = np.ptp(particles.positions, axis=0)
     view = "top" if flat[2] == 0 and flat.max() > 0 else "default"
@@ -244,7 +244,8 @@ def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
         shapes += _shapes(particles, np.ones(len(radii), bool), radii, colors, bonds)
     if particles.box is not None and options.box:
         shapes += outline(particles.box)
-    return Scene(shapes, camera=framing((0.0, 0.0, 1.0), view), background=None, name=name)
+    camera = framing((0.0, 0.0, 1.0), view)
+    return Scene(shapes, camera=camera, background=None, name=name, legend=legend)
 
 
 def _shapes(
@@ -411,36 +412,57 @@ def linear(srgb: ArrayLike) -> NDArray[np.float32]:
     return decode_srgb(values / 255.0 if values.dtype == np.uint8 else values.astype(np.float64))
 
 
-def _colors(particles: Particles, options: LoadOptions) -> NDArray[np.float32]:
-    """(N, 3) linear RGB: of the field that the user names, else the file's, else of the kinds."""
+def _colors(
+    particles: Particles, options: LoadOptions
+) -> tuple[NDArray[np.float32], ColorBar | Swatches | None]:
+    """(N, 3) linear RGB: of the field that the user names, else the file's, else of the kinds; and
+    what they stand for.
+    """
     if options.color_by is not None:
         values = _field(particles, options.color_by)
         if values is particles.elements:
             return _element_colors(particles.elements)
         if isinstance(values, Labels):
-            return _label_colors(values)
-        return map_colors(values, options.colormap, options.color_range)
+            return _label_colors(values, options.color_by)
+        low, high = color_range(values, options.color_range)
+        colors = _mapped(values, options.colormap, low, high)
+        return colors, ColorBar(options.color_by, options.colormap, low, high)
     if particles.colors is not None:
-        return particles.colors.astype(np.float32, copy=False)
+        return particles.colors.astype(np.float32, copy=False), None
     if particles.elements is not None:
         return _element_colors(particles.elements)
     if particles.types is not None:
-        return _label_colors(particles.types)
-    return np.tile(_WHITEST * linear(_PALETTE[:1]), (len(particles.positions), 1))
+        return _label_colors(particles.types, "type")
+    return np.tile(_WHITEST * linear(_PALETTE[:1]), (len(particles.positions), 1)), None
 
 
-def _element_colors(labels: Labels) -> NDArray[np.float32]:
-    return labels.each(_WHITEST * linear(elements.COLORS[_numbers(labels)]))
+_Kinds = tuple[NDArray[np.float32], Swatches]
 
 
-def _label_colors(labels: Labels) -> NDArray[np.float32]:
+def _element_colors(labels: Labels) -> _Kinds:
+    return _kinds(labels, _WHITEST * linear(elements.COLORS[_numbers(labels)]), "element")
+
+
+def _label_colors(labels: Labels, what: str) -> _Kinds:
     """Type number k always has the k-th colour; other names have theirs in alphabetical order."""
     names = labels.names
     if all(name.isdecimal() for name in names):
         order = np.array([(int(name) - 1) % len(_PALETTE) for name in names], np.intp)
     else:
         order = np.argsort(np.argsort(np.array(names))) % len(_PALETTE)
-    return labels.each(_WHITEST * linear(_PALETTE[order]))
+    return _kinds(labels, _WHITEST * linear(_PALETTE[order]), what)
+
+
+def _kinds(labels: Labels, colors: NDArray[np.float32], what: str) -> _Kinds:
+    """The colours of particles by those of the names, and what they stand for."""
+    used = np.bincount(labels.codes, minlength=len(labels.names)) > 0
+    found = {
+        name: tuple(color)
+        for name, color, use in zip(labels.names, colors.tolist(), used, strict=True)
+        if use
+    }
+    ordered = sorted(found.items(), key=lambda kind: (len(kind[0]) * kind[0].isdecimal(), kind[0]))
+    return labels.each(colors), Swatches(what, tuple(ordered))
 
 
 def _field(particles: Particles, name: str) -> NDArray[Any] | Labels:
@@ -478,21 +500,35 @@ def map_colors(
     values. What is outside has the colour of the nearer end; NaN is grey.
     Raises SceneError for an unknown colour map, and limits that are not finite and increasing.
     """
+    return _mapped(values, colormap, *color_range(values, limits))
+
+
+def color_range(
+    values: NDArray[Any], limits: tuple[float, float] | None = None
+) -> tuple[float, float]:
+    """The values at the ends of a colour map, as map_colors() has them. Raises SceneError."""
+    if limits is not None:
+        low, high = (float(v) for v in limits)
+        if not (np.isfinite(low) and np.isfinite(high) and low < high):
+            raise SceneError(f"colour range {low:g} {high:g} is not two finite, increasing numbers")
+        return low, high
+    numbers = values.astype(np.float64)
+    finite = numbers[np.isfinite(numbers)]
+    if not len(finite):
+        return 0.0, 1.0
+    low, high = np.percentile(finite, (1, 99))
+    if low == high:  # as in a field of rare ones among zeros
+        low, high = finite.min(), finite.max()
+    return float(low), float(high)
+
+
+def _mapped(values: NDArray[Any], colormap: str, low: float, high: float) -> NDArray[np.float32]:
     from matplotlib import colormaps
 
     if colormap not in colormaps:
         raise SceneError(unknown_name("colour map", colormap, colormaps))
     table = colormaps[colormap]
     numbers = values.astype(np.float64)
-    if limits is None:
-        finite = numbers[np.isfinite(numbers)]
-        low, high = np.percentile(finite, (1, 99)) if len(finite) else (0.0, 1.0)
-        if low == high:  # as in a field of rare ones among zeros
-            low, high = (finite.min(), finite.max()) if len(finite) else (0.0, 1.0)
-    else:
-        low, high = (float(v) for v in limits)
-        if not (np.isfinite(low) and np.isfinite(high) and low < high):
-            raise SceneError(f"colour range {low:g} {high:g} is not two finite, increasing numbers")
     # halves, as the difference of two large numbers may overflow
     span = 0.5 * high - 0.5 * low
     place = (

@@ -60,14 +60,14 @@ class Framing:
 
     direction: from the shapes towards the camera, of any length but 0. up, vfov: as in Camera.
     fill: share of the picture's width or height that the shapes take. shapes: names of those to
-    show; () for all.
+    show, or shapes, which need not be in the scene; () for all of the scene.
     """
 
     direction: Vec3 = (0.0, 0.0, 1.0)
     up: Vec3 = (0.0, 1.0, 0.0)
     vfov: float = 40.0
     fill: float = 0.92
-    shapes: tuple[str, ...] = ()
+    shapes: tuple[str | Shape, ...] = ()
 
 
 class _Entry:
@@ -340,6 +340,27 @@ class Settings:
     backdrop: Vec3 | None = None
 
 
+@dataclass(frozen=True)
+class ColorBar:
+    """Colours stand for numbers: those of a Matplotlib colour map from one value to another.
+
+    label: what the numbers are.
+    """
+
+    label: str
+    colormap: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Swatches:
+    """Colours stand for kinds, such as elements: (name, linear RGB) of each. label: of what."""
+
+    label: str
+    kinds: tuple[tuple[str, Vec3], ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Everything there is to see, and the camera that sees it.
@@ -348,7 +369,8 @@ class Scene:
     materials: named ones, for shapes to refer to. camera: None is Framing(), all shapes from the
     front. background: the light from outside, None for darkness. lights: further ones; emissive
     materials need no mention here. settings: defaults for render().
-    name: what the scene calls itself; error texts and metadata use it.
+    name: what the scene calls itself; error texts and metadata use it. legend: what its colours
+    stand for, if they stand for something.
     """
 
     shapes: Sequence[Shape] = ()
@@ -358,6 +380,7 @@ class Scene:
     settings: Settings = field(default_factory=Settings)
     name: str = "scene"
     lights: Sequence[Light] = ()
+    legend: ColorBar | Swatches | None = None
 
     def replace(self, **changes: Any) -> Scene:
         """A copy with some fields changed, as dataclasses.replace."""

@@ -18,7 +18,7 @@ from . import options
 if TYPE_CHECKING:
     from ..image import Image
     from ..progress import Progress, ProgressCallback
-    from ..scene import Scene
+    from ..scene import Settings
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -90,6 +90,12 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="N pictures, the camera going once around: NAME.0001.png and so on, or a film",
     )
     sequence.add_argument(
+        "--frames",
+        metavar="A:B:STEP",
+        help="a picture of each of these frames of a trajectory, counted from 0, as in Python's"
+        " slices: all, 100:, ::10, =-5: for the last five",
+    )
+    sequence.add_argument(
         "--fps", type=float, metavar="RATE", help="pictures of a film a second; default: 30"
     )
     work = p.add_argument_group("work (the picture does not depend on these)")
@@ -127,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
         "features",
     )
     settings = {name: getattr(args, name) for name in names}
-    if args.turntable is not None:
+    if args.turntable is not None or args.frames is not None:
         return _sequence(args, output, settings)
     return _picture(args, output, settings)
 
@@ -137,7 +143,7 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any]) ->
     from ..renderer import prepare, render
 
     if args.fps is not None:
-        raise SceneError("--fps needs a sequence of pictures: --turntable")
+        raise SceneError("--fps needs a sequence of pictures: --turntable or --frames")
     check_output(output, args.bits, args.features)
     with options.naming(args):
         scene = prepare(options.load_scene(args))
@@ -164,12 +170,15 @@ def _sequence(args: argparse.Namespace, output: str, settings: dict[str, Any]) -
     film = output.lower().endswith(FILM)
     if args.fps is not None and not film:
         raise SceneError(f"{output}: --fps is for films: {FILM}")
+    if args.turntable is not None and args.frames is not None:
+        raise SceneError("--turntable and --frames are two sequences; give one of them")
+    make = _turntable if args.frames is None else _frames
     fps = {} if args.fps is None else {"fps": args.fps}
     start, watch, image = time.perf_counter(), _Watch(), None
     try:
         with opened(output, bits=args.bits, features=args.features, **fps) as taker:
             with options.naming(args):
-                images = _turntable(args, output if film else None, settings, watch)
+                images = make(args, output if film else None, settings, watch)
             with options.naming(args, "camera:"), watch.watching(args.quiet):
                 for image in images:
                     if not image.stats.complete:
@@ -200,19 +209,35 @@ def _turntable(
     from ..orbit import turntable
 
     scene = options.load_scene(args)
-    _check_film(film, scene, settings)
+    _check_film(film, scene.settings, settings)
     watch.count = args.turntable
     return turntable(scene, args.turntable, progress=watch, **settings)
 
 
-def _check_film(film: str | None, scene: Scene, settings: dict[str, Any]) -> None:
+def _frames(
+    args: argparse.Namespace, film: str | None, settings: dict[str, Any], watch: _Watch
+) -> Iterable[Image]:
+    """The pictures of a trajectory's frames."""
+    from ..io.frames import load_frames
+    from ..renderer import render
+    from ..scene import Settings
+
+    if args.scene is None:
+        raise SceneError("--frames needs a file")
+    _check_film(film, Settings(), settings)
+    scenes = load_frames(args.scene, args.frames, options.load_options(args))
+    watch.count = len(scenes)
+    return (render(scene, progress=watch, **settings) for scene in scenes)
+
+
+def _check_film(film: str | None, base: Settings, settings: dict[str, Any]) -> None:
     """Raises SceneError for pictures that no film can be made of, before there are any."""
     from ..renderer import merged
     from ..sequence import check_film_size
 
     if film is not None:
-        known = {f.name for f in fields(type(scene.settings))}
-        wanted = merged(scene.settings, {k: v for k, v in settings.items() if k in known})
+        known = {f.name for f in fields(base)}
+        wanted = merged(base, {k: v for k, v in settings.items() if k in known})
         size = wanted.crop[2:] if wanted.crop else (wanted.width, wanted.height)
         check_film_size(film, *size)
 

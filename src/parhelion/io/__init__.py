@@ -9,6 +9,8 @@ A format module has these names:
     PACKED      False if it does not read files that are packed, as NAME.gz (none: it does)
     GLOW        radiance up to which emission in its files is for show, and no light (none: 0)
     load(path: pathlib.Path, options: LoadOptions) -> Scene
+    trajectory(path: pathlib.Path, options: LoadOptions) -> context manager of a text.Trajectory,
+                of particles, if its files have frames
 
 and raises FormatError, its text beginning with the path, for a file that it cannot read. Modules
 are imported only when a file of theirs is loaded.
@@ -22,7 +24,8 @@ Other packages add such modules by an entry point of the group "parhelion.format
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
@@ -129,6 +132,27 @@ def load(
 
     Raises FormatError for a file that is missing, broken or of no known format.
     """
+    file, module, options = resolved(path, options)
+    scene = read(module, file, options)
+    from ..studio import dressed
+
+    return dressed(
+        scene,
+        view=options.view,
+        environment=options.environment,
+        ground=options.ground,
+        bare=studio and getattr(module, "BARE", False),
+        glow=getattr(module, "GLOW", 0.0),
+    )
+
+
+def resolved(
+    path: str | os.PathLike[str], options: LoadOptions | None = None
+) -> tuple[Path, Any, LoadOptions]:
+    """A file that is there, the module that reads it, and options that are for it.
+
+    Raises FormatError.
+    """
     try:
         file = Path(path)
     except TypeError:
@@ -159,8 +183,22 @@ def load(
                 f"{file}: the option {option.name!r} is not for {module.NAME} files (choices:"
                 f" {', '.join(known)})"
             )
-    try:
+    return file, module, options
+
+
+def read(module: Any, file: Path, options: LoadOptions) -> Scene:
+    """The scene as it is in the file. Raises FormatError."""
+    with reading(file):
         scene = module.load(file, options)
+    assert isinstance(scene, Scene)
+    return scene
+
+
+@contextmanager
+def reading(file: Path) -> Iterator[None]:
+    """Turns what the system refuses while a file is read into a FormatError about it."""
+    try:
+        yield
     except (OSError, MemoryError) as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise FormatError(f"{file}: cannot be read: {reason}") from error
@@ -170,17 +208,6 @@ def load(
         raise FormatError(f"{file}: {error}") from None
     except RecursionError:
         raise FormatError(f"{file}: is nested too deeply") from None
-    assert isinstance(scene, Scene)
-    from ..studio import dressed
-
-    return dressed(
-        scene,
-        view=options.view,
-        environment=options.environment,
-        ground=options.ground,
-        bare=studio and getattr(module, "BARE", False),
-        glow=getattr(module, "GLOW", 0.0),
-    )
 
 
 def _module(ending: str, file: Path) -> Any:

@@ -12,7 +12,7 @@ import logging
 import re
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,7 +27,7 @@ from ..errors import FormatError, SceneError
 from ..particles import FARTHEST, Copies, Labels, Particles, to_scene
 from ..scene import Scene
 from . import COMPRESSED, LoadOptions
-from .text import TextFile, errors_name, frame_index
+from .text import TextFile, Trajectory, errors_name, frame_index
 
 NAME = "PDB, GRO"
 SUFFIXES = (".pdb", ".gro")
@@ -64,38 +64,69 @@ def read(path: Path, frame: int = 0, assembly: int | None = None) -> Particles:
     file. Raises FormatError for a file that is broken or has no such frame or assembly, or without
     chemfiles.
     """
+    with _opened(path, assembly) as frames:
+        return frames.read(frame_index(path, frame, frames.count))
+
+
+def trajectory(path: Path, options: LoadOptions) -> AbstractContextManager[Trajectory]:
+    """All frames. Raises FormatError as read() does."""
+    return _opened(path, options.assembly)
+
+
+@contextmanager
+def _opened(path: Path, assembly: int | None) -> Iterator[Trajectory]:
     try:
         import chemfiles
     except ImportError:
         raise FormatError(
             f"{path}: PDB and GRO files need chemfiles: pip install chemfiles"
         ) from None
-    # chemfiles hands its warnings to Python's, and its errors are no Exception
-    records = _Records()
-    with (
-        errors_name(path),
-        _plain_copy(path, records) as copy,
-        warnings.catch_warnings(record=True) as caught,
-    ):
-        warnings.simplefilter("always")
-        try:
-            with chemfiles.Trajectory(str(copy), "r", copy.suffix[1:].upper()) as trajectory:
-                index = frame_index(path, frame, trajectory.nsteps)
-                found = _particles(chemfiles, trajectory.read_step(index), records, path)
+    with ExitStack() as stack:
+        records = _Records()
+        copy = stack.enter_context(_plain_copy(path, records))
+        errors = _Errors(path, copy, chemfiles)
+        with errors.named():
+            opened = chemfiles.Trajectory(str(copy), "r", copy.suffix[1:].upper())
+            file = stack.enter_context(opened)
+
+        def at(frame: int) -> Particles:
+            with errors.named():
+                found = _particles(chemfiles, file.read_step(frame), records, path)
                 if assembly is None:
                     return found
                 return replace(found, copies=records.copies(assembly, len(found.positions)))
-        except chemfiles.ChemfilesError as error:
-            reason = str(error).replace(str(copy), path.name)
-            raise SceneError(f"chemfiles says: {reason[:200]}") from None
-        except UnicodeDecodeError:
-            raise SceneError("is not UTF-8 text") from None
-        finally:
-            for warning in caught[:_MOST_WARNINGS]:
-                _logger.info("%s: %s", path, warning.message)
-            if len(caught) > _MOST_WARNINGS:
-                more = len(caught) - _MOST_WARNINGS
-                _logger.info("%s: and %d more warnings of chemfiles", path, more)
+
+        yield Trajectory(file.nsteps, at)
+
+
+class _Errors:
+    """What chemfiles says about a file: warnings, which are logged, and errors."""
+
+    def __init__(self, path: Path, copy: Path, chemfiles: Any) -> None:
+        self._path, self._copy, self._chemfiles = path, copy, chemfiles
+        self._told = 0
+
+    @contextmanager
+    def named(self) -> Iterator[None]:
+        """Raises FormatErrors for errors in the block."""
+        path = self._path
+        # chemfiles hands its warnings to Python's, and its errors are no Exception
+        with errors_name(path), warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                yield
+            except self._chemfiles.ChemfilesError as error:
+                reason = str(error).replace(str(self._copy), path.name)
+                raise SceneError(f"chemfiles says: {reason[:200]}") from None
+            except UnicodeDecodeError:
+                raise SceneError("is not UTF-8 text") from None
+            finally:
+                room = max(0, _MOST_WARNINGS - self._told)
+                for warning in caught[:room]:
+                    _logger.info("%s: %s", path, warning.message)
+                if self._told <= _MOST_WARNINGS < self._told + len(caught):
+                    _logger.info("%s: and more warnings of chemfiles", path)
+                self._told += len(caught)
 
 
 class _Records:

@@ -11,6 +11,8 @@ Shapes of types are as in https://gsd.readthedocs.io/en/stable/shapes.html.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,7 @@ from ..glyphs import Body, Glyphs, ball, faceted, polygon, polyhedron, union
 from ..particles import FARTHEST, Labels, Particles, to_scene
 from ..scene import Scene
 from . import LoadOptions
-from .text import errors_name, frame_index
+from .text import Trajectory, errors_name, frame_index
 
 NAME = "GSD"
 SUFFIXES = (".gsd",)
@@ -55,18 +57,42 @@ def read(path: Path, frame: int = 0) -> Particles:
 
     Raises FormatError for a file that is broken or has no such frame, or without the gsd package.
     """
+    with _opened(path) as frames:
+        return frames.read(frame_index(path, frame, frames.count))
+
+
+def trajectory(path: Path, _: LoadOptions) -> AbstractContextManager[Trajectory]:
+    """All frames. Raises FormatError as read() does."""
+    return _opened(path)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Trajectory]:
     try:
         from gsd import fl
     except ImportError:
         raise FormatError(f"{path}: GSD files need the gsd package: pip install gsd") from None
+    with ExitStack() as stack:
+        with _errors(path):
+            file = stack.enter_context(fl.open(str(path), "r"))
+            if file.schema != "hoomd":
+                raise SceneError(f"has the schema {file.schema[:40]!r}, not 'hoomd'")
+            if not file.nframes:
+                raise SceneError("has no frames")
+
+        def at(frame: int) -> Particles:
+            with _errors(path):
+                return _particles(file, frame)
+
+        yield Trajectory(file.nframes, at)
+
+
+@contextmanager
+def _errors(path: Path) -> Iterator[None]:
+    """Those of the library, and ours about particles, as FormatErrors."""
     with errors_name(path):
         try:
-            with fl.open(str(path), "r") as file:
-                if file.schema != "hoomd":
-                    raise SceneError(f"has the schema {file.schema[:40]!r}, not 'hoomd'")
-                if not file.nframes:
-                    raise SceneError("has no frames")
-                return _particles(file, frame_index(path, frame, file.nframes))
+            yield
         except SceneError:
             raise
         except (KeyError, OSError, RuntimeError, TypeError, ValueError) as error:

@@ -7,6 +7,7 @@ names the columns. https://docs.lammps.org/dump.html is the reference.
 from __future__ import annotations
 
 import re
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from ..glyphs import ellipsoids
 from ..particles import Labels, Particles, element_labels, to_scene
 from ..scene import Scene
 from . import LoadOptions
-from .text import Table, TextFile, errors_name, is_number
+from .text import Table, TextFile, Trajectory, errors_name, is_number, text_trajectory
 
 NAME = "LAMMPS dump"
 SUFFIXES = (".dump", ".lammpstrj")
@@ -53,19 +54,29 @@ def read(path: Path, frame: int = 0) -> Particles:
     """
     with errors_name(path), TextFile(path) as file:
         file.seek_frame(frame, lambda: _skip(file))
-        header = _header(file)
-        assert header is not None  # seek_frame sees to it
-        count, box, names = header
-        words = (file.peek() or "").split()
-        # whatever is no number in the first row is a column of names
-        text = [
-            i
-            for i, name in enumerate(names)
-            if name in ("element", "type") or (i < len(words) and not is_number(words[i]))
-        ]
-        axes = _axes(file, names, text)
-        table = file.table(count, names, text)
-        return _particles(table, names, axes, box)
+        return _frame(file)
+
+
+def trajectory(path: Path, _: LoadOptions) -> AbstractContextManager[Trajectory]:
+    """All frames. Raises FormatError for a file that is broken."""
+    return text_trajectory(path, _skip, _frame)
+
+
+def _frame(file: TextFile) -> Particles:
+    """The particles of the frame that starts here."""
+    header = _header(file)
+    assert header is not None  # seek_frame sees to it
+    count, box, names = header
+    words = (file.peek() or "").split()
+    # whatever is no number in the first row is a column of names
+    text = [
+        i
+        for i, name in enumerate(names)
+        if name in ("element", "type") or (i < len(words) and not is_number(words[i]))
+    ]
+    axes = _axes(file, names, text)
+    table = file.table(count, names, text)
+    return _particles(table, names, axes, box)
 
 
 def _skip(file: TextFile) -> bool:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, SceneError
-from ..particles import Labels
+from ..particles import Labels, Particles
 
 # Bytes read at once; a block takes some twenty times as much while its columns are parsed.
 _BLOCK = 1 << 20
@@ -36,6 +36,9 @@ _LONGEST_WORD = 64
 # bomb: trajectories of numbers pack 3 to 30 times.
 _BOMB_SIZE = 1 << 26
 _BOMB_RATIO = 250
+
+# Bytes of text before it, and lines
+Place = tuple[int, int]
 
 _NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.I | re.A)
 
@@ -71,6 +74,14 @@ def frame_index(path: Path, frame: int, count: int) -> int:
         frames = "1 frame: 0" if count == 1 else f"{count} frames: 0 to {count - 1}"
         raise FormatError(f"{path}: there is no frame {frame}; the file has {frames}")
     return frame % count
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The frames of an open file: how many there are, and what reads one, counted from 0."""
+
+    count: int
+    read: Callable[[int], Particles]
 
 
 @dataclass(frozen=True)
@@ -322,17 +333,17 @@ class TextFile:
         skip: reads from the start of a frame to its end; returns False where there is none.
         Raises FormatError if there is no such frame.
         """
+        marks: deque[Place] = deque(maxlen=max(1, -frame))
         count = 0
-        marks: deque[tuple[int, int]] = deque(maxlen=max(1, -frame))
         while frame < 0 or count < frame:
-            place = self._unpacked - len(self._text) + self._at, self.line
+            place = self.place()
             if not skip():
                 break
             marks.append(place)
             count += 1
         if count and frame < 0:
             frame_index(self.path, frame, count)
-            self._rewind(*marks[0])
+            self.go(marks[0])
             return
         while self.peek() == "":
             self.readline()
@@ -341,6 +352,45 @@ class TextFile:
                 raise FormatError(f"{self.path}: is empty")
             frame_index(self.path, frame, count)
 
-    def _rewind(self, place: int, line: int) -> None:
-        self._file.seek(place)
-        self._unpacked, self._text, self._at, self.line = place, b"", 0, line
+    def frames(self, skip: Callable[[], bool]) -> list[Place]:
+        """Where each frame starts; see seek_frame(). Raises FormatError for a file without any."""
+        places = [self.place()]
+        while skip():
+            places.append(self.place())
+        if len(places) == 1:
+            raise FormatError(f"{self.path}: is empty")
+        return places[:-1]
+
+    def place(self) -> Place:
+        """Where readline() reads next."""
+        return self._unpacked - len(self._text) + self._at, self.line
+
+    def go(self, place: Place) -> None:
+        """Goes back or on to a place(). Of a packed file, going back is unpacking it anew."""
+        at, line = place
+        start = self._unpacked - len(self._text)
+        if start <= at <= self._unpacked and line:  # a byte order mark is passed over anew
+            self._at, self.line = at - start, line
+            return
+        self._file.seek(at)
+        self._unpacked, self._text, self._at, self.line = at, b"", 0, line
+
+
+@contextmanager
+def text_trajectory(
+    path: Path, skip: Callable[[TextFile], bool], read: Callable[[TextFile], Particles]
+) -> Iterator[Trajectory]:
+    """All frames of a text file: an index of where they start, made in one pass over it.
+
+    skip, read: pass over, and parse, the frame that starts where the file is; see seek_frame().
+    """
+    with TextFile(path) as file:
+        with errors_name(path):
+            places = file.frames(lambda: skip(file))
+
+        def at(frame: int) -> Particles:
+            with errors_name(path):
+                file.go(places[frame])
+                return read(file)
+
+        yield Trajectory(len(places), at)

@@ -10,6 +10,7 @@ logical, number of columns).
 from __future__ import annotations
 
 import re
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from ..glyphs import ellipsoids
 from ..particles import Labels, Particles, element_labels, linear, to_scene
 from ..scene import Scene
 from . import LoadOptions
-from .text import Table, TextFile, errors_name, is_number
+from .text import Table, TextFile, Trajectory, errors_name, is_number, text_trajectory
 
 NAME = "XYZ"
 SUFFIXES = (".xyz", ".extxyz")
@@ -47,26 +48,36 @@ def read(path: Path, frame: int = 0) -> Particles:
     """
     with errors_name(path), TextFile(path) as file:
         file.seek_frame(frame, lambda: _skip(file))
-        count = _count(file)
-        assert count is not None  # seek_frame sees to it
-        if not count:
-            raise file.error("there are no atoms")
-        comment = file.readline()
-        first = file.peek()
-        if comment is None or first is None:
-            raise file.error(f"the file ends after 0 of {count} atoms")
-        pairs = {key.lower(): value.strip("\"'{}[]") for key, value in _PAIR.findall(comment)}
-        words = first.split()
-        if "properties" in pairs:
-            columns = _properties(file, pairs["properties"])
-        else:
-            columns = _plain(file, words)
-        box = _box(file, pairs)
-        names = [name for name, _, size in columns for _ in range(size)]
-        kinds = [kind for _, kind, size in columns for _ in range(size)]
-        text = [i for i, kind in enumerate(kinds) if kind in "SL"]
-        table = file.table(count, names, text)
-        return _particles(table, columns, box)
+        return _frame(file)
+
+
+def trajectory(path: Path, _: LoadOptions) -> AbstractContextManager[Trajectory]:
+    """All frames. Raises FormatError for a file that is broken."""
+    return text_trajectory(path, _skip, _frame)
+
+
+def _frame(file: TextFile) -> Particles:
+    """The particles of the frame that starts here."""
+    count = _count(file)
+    assert count is not None  # seek_frame sees to it
+    if not count:
+        raise file.error("there are no atoms")
+    comment = file.readline()
+    first = file.peek()
+    if comment is None or first is None:
+        raise file.error(f"the file ends after 0 of {count} atoms")
+    pairs = {key.lower(): value.strip("\"'{}[]") for key, value in _PAIR.findall(comment)}
+    words = first.split()
+    if "properties" in pairs:
+        columns = _properties(file, pairs["properties"])
+    else:
+        columns = _plain(file, words)
+    box = _box(file, pairs)
+    names = [name for name, _, size in columns for _ in range(size)]
+    kinds = [kind for _, kind, size in columns for _ in range(size)]
+    text = [i for i, kind in enumerate(kinds) if kind in "SL"]
+    table = file.table(count, names, text)
+    return _particles(table, columns, box)
 
 
 def _count(file: TextFile) -> int | None:

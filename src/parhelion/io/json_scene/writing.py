@@ -14,6 +14,7 @@ import numpy as np
 from ... import scene as model
 from ...atomic import is_special, replacing
 from ...errors import SceneError
+from ...framing import placed
 from ...image import read_pixels
 from ..files import Reports
 from . import sidefile
@@ -84,13 +85,17 @@ def _encoded(
     """
     home = path.parent
     writer = _Writer(scene.materials, home, packing)
-    framed = isinstance(scene.camera, model.Framing)
+    camera = scene.camera
+    framed = isinstance(camera, model.Framing)
+    if isinstance(camera, model.Framing) and not all(isinstance(s, str) for s in camera.shapes):
+        # of shapes that are not the scene's own, for which there is no place in the file
+        camera, framed = placed(scene, scene.settings.width / scene.settings.height), False
     try:
         document = {
             "parhelion": 1,
             "name": scene.name,
             "arrays": None,  # its place; what is in them comes with the rest
-            "framing" if framed else "camera": _members(scene.camera) if scene.camera else None,
+            "framing" if framed else "camera": _members(camera) if camera else None,
             "background": writer.entry(scene.background),
             "lights": [writer.entry(light) for light in scene.lights],
             "materials": {name: writer.entry(m) for name, m in scene.materials.items()},
