@@ -22,6 +22,7 @@ from .process import Worker, run, start_seconds
 from .references import references
 from .scenes import BenchError
 from .summary import Row, ratios
+from .trajectories import trajectories
 
 OURS = "parhelion"
 
@@ -205,6 +206,7 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
     "error": error,
     "lights": lights,
     "loading": loading,
+    "trajectories": trajectories,
     "references": references,
 }
 

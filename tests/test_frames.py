@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import os
 import re
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 import parhelion as ph
 from parhelion import cli
 from parhelion.framing import placed
-from parhelion.io import text
+from parhelion.io import lammps, text
 from parhelion.io.frames import load_frames
+from parhelion.particles import Labels
 
 SMALL = ["--width", "32", "--spp", "1"]
 
@@ -259,6 +261,61 @@ def test_broken_trajectories(tmp_path: Path, content: str) -> None:
 def test_a_byte_order_mark(tmp_path: Path) -> None:
     (tmp_path / "a.xyz").write_text("\ufeff" + xyz(moving(2)), encoding="utf-8")
     assert [len(centers(scene)) for scene in load_frames(tmp_path / "a.xyz", "::-1")] == [40, 40]
+
+
+def test_a_large_frame_takes_little_more_memory_than_its_arrays(tmp_path: Path) -> None:
+    rows = np.random.default_rng(1).normal(size=(60_000, 3))
+    (tmp_path / "a.dump").write_text(dump([rows]))
+    tracemalloc.start()
+    try:
+        particles = lammps.read(tmp_path / "a.dump")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert particles.types is not None
+    size = particles.positions.nbytes + particles.types.codes.nbytes
+    # besides the columns that the positions are made of, a block of text, as lines, and its numbers
+    assert peak < size + rows.nbytes + 8 * (1 << 20)
+
+
+def test_a_count_that_lies_asks_for_no_memory(tmp_path: Path) -> None:
+    lie = dump([np.zeros((3, 3))]).replace("OF ATOMS\n3", "OF ATOMS\n900000000000000000")
+    (tmp_path / "a.dump").write_text(lie)
+    with pytest.raises(ph.FormatError, match="the file ends after 3 of 900000000000000000 atoms"):
+        lammps.read(tmp_path / "a.dump")
+
+
+@pytest.mark.parametrize(
+    ("values", "names", "codes"),
+    [
+        ([3, 1, 3], ("1", "3"), [1, 0, 1]),
+        ([-1, 5, 0], ("-1", "0", "5"), [0, 2, 1]),
+        ([2e9, 1, 1], ("1", "2000000000"), [1, 0, 0]),
+        ([1.5, 1, 1], ("1.0", "1.5"), [1, 0, 0]),
+        ([], (), []),
+    ],
+)
+def test_types_by_number(values: list[float], names: tuple[str, ...], codes: list[int]) -> None:
+    labels = Labels.of_numbers(np.array(values, np.float64))
+    assert labels.names == names
+    assert_array_equal(labels.codes, codes)
+
+
+def test_lines_that_do_not_fit_are_named(tmp_path: Path) -> None:
+    lines = dump([np.zeros((30, 3))]).splitlines()
+    for line, told in {
+        "1 0 0": "line 20: has 3 columns, not 4",
+        "1 0 0 0 0": "line 20: has 5 columns, not 4",
+        "1 0 x 0": r"line 20: column 3 \(y\): 'x' is not a number",
+        "1 0 1_0 0": r"line 20: column 3 \(y\): '1_0' is not a number",
+        "1 0 0 \u0661": r"line 20: column 4 \(z\): '\u0661' is not a number",
+        "1 0\xa00 0": "line 20: has 3 columns, not 4",
+        "": "line 20: has 0 columns, not 4",
+    }.items():
+        lines[19] = line
+        (tmp_path / "a.dump").write_text("\n".join(lines), encoding="utf-8")
+        with pytest.raises(ph.FormatError, match=told):
+            lammps.read(tmp_path / "a.dump")
 
 
 # --- The command ---------------------------------------------------------------------------------

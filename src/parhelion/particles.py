@@ -73,6 +73,20 @@ class Labels:
         names, codes = np.unique(np.asarray(values), return_inverse=True)
         return Labels(codes.reshape(-1), tuple(str(name) for name in names.tolist()))
 
+    @staticmethod
+    def of_numbers(values: NDArray[np.floating[Any]]) -> Labels:
+        """The labels of N numbers, whole ones without a decimal point."""
+        whole = np.trunc(values)
+        if (values == whole).all() and (np.abs(values) < 2**31).all():
+            numbers = whole.astype(np.int32)
+            low = int(numbers.min(initial=0))
+            if int(numbers.max(initial=0)) - low < 2**16:  # no need to sort them
+                used = np.bincount(numbers - low) > 0
+                names = tuple(str(low + k) for k in np.flatnonzero(used).tolist())
+                return Labels((np.cumsum(used) - 1).astype(np.int32)[numbers - low], names)
+            return Labels.of(numbers)
+        return Labels.of(values)
+
     def each(self, values: NDArray[Any]) -> NDArray[Any]:
         """What belongs to each particle, (N, ...), of what belongs to each name."""
         return np.take(values, self.codes, axis=0)

@@ -7,6 +7,7 @@ names the columns. https://docs.lammps.org/dump.html is the reference.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -72,11 +73,10 @@ def _frame(file: TextFile) -> Particles:
     text = [
         i
         for i, name in enumerate(names)
-        if name in ("element", "type") or (i < len(words) and not is_number(words[i]))
+        if name == "element" or (i < len(words) and not is_number(words[i]))
     ]
     axes = _axes(file, names, text)
-    table = file.table(count, names, text)
-    return _particles(table, names, axes, box)
+    return _particles(file.table(count, names, text), names, axes, box)
 
 
 def _skip(file: TextFile) -> bool:
@@ -177,6 +177,9 @@ def _particles(
 ) -> Particles:
     columns = dict(zip(names, table.columns, strict=True))
     positions = np.stack([table.numbers(names.index(axis)) for axis in axes], axis=1)
+    del table  # a large frame's columns of positions are not kept
+    for axis in axes:
+        del columns[axis]
     if axes[0] in ("xs", "xsu"):
         if box is None:
             raise SceneError(f"columns {' '.join(axes)} need ITEM: BOX BOUNDS, which is not there")
@@ -187,30 +190,29 @@ def _particles(
         values = columns.get(name)
         if radii is None and values is not None and not isinstance(values, Labels):
             radii = scale * values
-    # read() makes these two columns of names; types may be given by names of elements too
     element, types = columns.get("element"), columns.get("type")
-    assert not isinstance(element, np.ndarray)
-    assert not isinstance(types, np.ndarray)
+    assert not isinstance(element, np.ndarray)  # _frame() makes it one of names
+    if isinstance(types, np.ndarray):
+        types = Labels.of_numbers(types)
+    # types may be given by names of elements too
     symbols = element_labels(element) if element else None
     if symbols is None and types:
         symbols = element_labels(types)
-    taken = (*axes, "element", "type")
-    fields = {name: values for name, values in columns.items() if name not in taken}
+    fields = {k: v for k, v in columns.items() if k not in ("element", "type")}
     glyphs = None
-    if (diameters := _numbers(table, names, _DIAMETERS)) is not None:
-        glyphs = ellipsoids(0.5 * diameters, _numbers(table, names, _QUATERNIONS))
+    if (diameters := _numbers(columns, _DIAMETERS)) is not None:
+        glyphs = ellipsoids(0.5 * diameters, _numbers(columns, _QUATERNIONS))
     kinds = types or element
     return Particles(positions, symbols, kinds, radii, None, fields, box, glyphs=glyphs)
 
 
 def _numbers(
-    table: Table, names: list[str], choices: tuple[tuple[str, ...], ...]
+    known: Mapping[str, NDArray[np.float64] | Labels], choices: tuple[tuple[str, ...], ...]
 ) -> NDArray[np.float64] | None:
     """(N, M) of the first choice of M columns that are all there and numbers."""
     for columns in choices:
-        if set(columns) <= set(names):
-            parts = [table.columns[names.index(column)] for column in columns]
-            found = [part for part in parts if not isinstance(part, Labels)]
-            if len(found) == len(columns):
-                return np.stack(found, axis=1)
+        parts = [known.get(column) for column in columns]
+        found = [part for part in parts if isinstance(part, np.ndarray)]
+        if len(found) == len(columns):
+            return np.stack(found, axis=1)
     return None

@@ -9,6 +9,7 @@ from __future__ import annotations
 import bz2
 import gzip
 import lzma
+import os
 import re
 import warnings
 import zlib
@@ -86,7 +87,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns by position: numbers as (N,) float64 views of one array, the others as Labels."""
+    """Columns by position: numbers as (N,) float64 arrays, the others as Labels."""
 
     columns: tuple[NDArray[np.float64] | Labels, ...]
 
@@ -178,35 +179,45 @@ class TextFile:
         words: columns, by position, that are not numbers. Raises FormatError naming the line and
         the column for one that does not fit.
         """
-        numeric = [column for column in range(len(names)) if column not in words]
-        blocks: list[NDArray[np.float64]] = []
-        codes: dict[int, list[NDArray[np.int32]]] = {column: [] for column in words}
         known: dict[int, dict[bytes, int]] = {column: {} for column in words}
+        numeric = [column for column in range(len(names)) if column not in known]
+        room = min(rows, self._most_rows(len(names)))
+        numbers = {column: np.empty(room) for column in numeric}
+        codes = {column: np.empty(room, np.int32) for column in words}
         read = 0
         while read < rows:
             first = self.line + 1
             text, count = self._take(rows - read)
             if not count:
                 raise self.error(f"the file ends after {read} of {rows} {what}")
-            data = np.frombuffer(text, np.uint8).copy()
-            starts, ends = self._split(data, count, names, first)
-            for column in words:
-                at = starts[:, column], ends[:, column]
-                codes[column].append(self._encode(data, *at, known[column], first))
-            blocks.append(self._parse(data, count, names, numeric, first))
+            if read + count > room:
+                raise self.error("the file has grown while it was read")
+            if known:
+                data = np.frombuffer(text, np.uint8).copy()
+                starts, ends = self._split(data, count, names, first)
+                for column in words:
+                    at = starts[:, column], ends[:, column]
+                    found = self._encode(data, *at, known[column], first)
+                    codes[column][read : read + count] = found
+                text = data.tobytes()
+            values = self._parse(text, count, names, numeric, first)
+            for i, column in enumerate(numeric):
+                numbers[column][read : read + count] = values[:, i]
             read += count
-        table = np.concatenate(blocks) if blocks else np.empty((0, len(numeric)))
-        columns: list[NDArray[np.float64] | Labels] = []
-        for column in range(len(names)):
-            if column in known:
-                labels = tuple(self.decode(name) for name in known[column])
-                joined = np.concatenate(codes[column]) if blocks else np.empty(0, np.int32)
-                columns.append(Labels(joined, labels))
-            else:
-                columns.append(table[:, numeric.index(column)])
-        return Table(tuple(columns))
+        labels = {
+            column: Labels(codes[column], tuple(self.decode(word) for word in known[column]))
+            for column in words
+        }
+        return Table(tuple(labels[i] if i in labels else numbers[i] for i in range(len(names))))
 
     # -----------------------------------------------------------------------------------------
+
+    def _most_rows(self, columns: int) -> int:
+        """More rows of numbers than the file can hold, whatever a count in it says."""
+        size = os.fstat(self._packed.fileno()).st_size
+        if self._file is not self._packed:
+            size = max(_BOMB_SIZE, _BOMB_RATIO * size) + _BLOCK
+        return size // (2 * columns) + 1  # a digit and what separates it from the next
 
     def _fill(self) -> bool:
         """Makes sure that a whole line is at hand; False at the end of the file."""
@@ -246,11 +257,15 @@ class TextFile:
         """Whole lines that are at hand, up to a number; none at the end of the file."""
         if not self._fill():
             return b"", 0
-        end = self._text.rindex(b"\n") + 1
-        count = self._text.count(b"\n", self._at, end)
+        # no farther than so many lines are likely to reach, as frames may be small
+        reach = self._at + 256 * most
+        end = self._text.rfind(b"\n", self._at, reach) + 1
+        if end <= self._at or len(self._text) <= reach:
+            end = self._text.rindex(b"\n") + 1
+        newlines = np.frombuffer(self._text, np.uint8)[self._at : end] == ord("\n")
+        count = int(np.count_nonzero(newlines))
         if count > most:
-            data = np.frombuffer(self._text, np.uint8)[self._at : end]
-            end = self._at + int(np.flatnonzero(data == ord("\n"))[most - 1]) + 1
+            end = self._at + int(np.flatnonzero(newlines)[most - 1]) + 1
             count = most
         text, self._at = self._text[self._at : end], end
         self.line += count
@@ -301,29 +316,30 @@ class TextFile:
         return np.array(table, np.int32)[codes.reshape(-1)]
 
     def _parse(
-        self,
-        data: NDArray[np.uint8],
-        rows: int,
-        names: Sequence[str],
-        numeric: Sequence[int],
-        first: int,
+        self, text: bytes, rows: int, names: Sequence[str], numeric: Sequence[int], first: int
     ) -> NDArray[np.float64]:
         """The numbers of whole lines of text in which words are blank: (rows, columns)."""
-        text = data.tobytes()
+        if not numeric:
+            return np.empty((rows, 0))
         try:
-            with warnings.catch_warnings():  # NumPy before 2.3 only warns
-                warnings.simplefilter("error", DeprecationWarning)
-                values = np.fromstring(text, np.float64, sep=" ")
-            return values.reshape(rows, len(numeric))
-        except (ValueError, DeprecationWarning):
-            for line, row in enumerate(text.split(b"\n"), first):
-                for column, word in zip(numeric, row.split(), strict=False):
-                    shown = self.decode(word, line)
-                    if not is_number(shown):
-                        place = f"column {column + 1} ({names[column]})"
-                        problem = f"{place}: {shown[:40]!r} is not a number"
-                        raise self.error(problem, line) from None
-            raise self.error("holds something that is not a number", first) from None
+            lines = text.decode("ascii").split("\n")
+            lines.pop()  # after the last line's end
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", UserWarning)  # of no data
+                values = np.loadtxt(lines, comments=None, ndmin=2)
+            if values.shape == (rows, len(numeric)):
+                return values
+        except (ValueError, UserWarning):
+            pass
+        if len(numeric) == len(names):
+            self._split(np.frombuffer(text, np.uint8), rows, names, first)
+        for line, row in enumerate(text.split(b"\n"), first):
+            for column, word in zip(numeric, row.split(), strict=False):
+                shown = self.decode(word, line)
+                if not is_number(shown):
+                    place = f"column {column + 1} ({names[column]})"
+                    raise self.error(f"{place}: {shown[:40]!r} is not a number", line)
+        raise self.error("holds something that is not a number", first)
 
     # -----------------------------------------------------------------------------------------
 
