@@ -554,7 +554,7 @@ def test_color_range_is_by_percentiles() -> None:
     colors = map_colors(values, "gray", None)
     low, high = np.percentile(values, (1, 99))
     assert_array_equal(colors, map_colors(values, "gray", (low, high)))
-    assert len(np.unique(colors, axis=0)) == 256
+    assert len(np.unique(colors, axis=0)) > 256
     assert len(np.unique(map_colors(np.full(5, 7.0), "gray", None))) == 1
     rare = np.zeros(1000)
     rare[5] = 3.0

@@ -17,7 +17,7 @@ import numpy as np
 from . import cryptomatte
 from .atomic import is_special, replacing
 from .errors import FormatError, ResourceError, SceneError, unknown_name
-from .scene import Camera, Settings
+from .scene import Camera, ColorBar, Settings, Swatches
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -88,6 +88,8 @@ class Image:
     materials, that most samples of the pixel hit, the largest first, the id of the name and the
     share of the samples; matte() looks a name up.
 
+    legend: what the scene's colours stand for, if they stand for something.
+
     NumPy takes it for its pixels; a notebook shows it.
     """
 
@@ -98,6 +100,7 @@ class Image:
     camera: Camera
     flat: Flat
     features: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    legend: ColorBar | Swatches | None = None
 
     def numpy(self) -> NDArray[np.float32]:
         """The linear pixels, (H, W, 3) float32."""
@@ -113,12 +116,19 @@ class Image:
         done = "" if self.stats.complete else ", stopped early"
         return f"<Image {width}x{height}, {self.settings.spp} spp{done}>"
 
-    def srgb(self, bits: int = 8) -> NDArray[Any]:
-        """The picture as screens want it: sRGB, (H, W, 3) uint8 or uint16, cut at white."""
-        top = 2**bits - 1
-        scaled = srgb_encoded(self.pixels) * np.float32(top) + np.float32(0.5)
-        stored: NDArray[Any] = scaled.astype(np.uint8 if bits == 8 else np.uint16)
-        return stored
+    def srgb(self, bits: int = 8, legend: bool = False) -> NDArray[Any]:
+        """The picture as screens want it: sRGB, (H, W, 3) uint8 or uint16, cut at white.
+
+        legend: with what the colours stand for at its right side; raises SceneError if they stand
+        for nothing.
+        """
+        stored = srgb_stored(self.pixels, bits)
+        if not legend:
+            return stored
+        from .legend import panel
+
+        beside = panel(checked_legend(self.legend), len(stored)).astype(stored.dtype)
+        return np.concatenate([stored, beside * (1 if bits == 8 else 257)], axis=1)
 
     def matte(
         self, *, shape: str | None = None, material: str | None = None
@@ -177,25 +187,28 @@ class Image:
             **names,
         }
 
-    def save(self, path: str | os.PathLike[str], bits: int | None = None) -> None:
+    def save(
+        self, path: str | os.PathLike[str], bits: int | None = None, legend: bool = False
+    ) -> None:
         """Writes the picture; the ending of the name says how.
 
         .png (bits 8 or 16) and .jpg are sRGB; .exr is linear (bits 32 or 16) and holds the
         features, if there are any, as layers. A file that is there already stays whole until the
-        new one is complete.
+        new one is complete. legend: what the colours stand for is drawn at the right side of the
+        picture, which becomes wider.
 
-        Raises SceneError for an unknown ending or number of bits, ResourceError where the file
-        cannot be written.
+        Raises SceneError for an unknown ending or number of bits, and a legend where there is none,
+        ResourceError where the file cannot be written.
         """
         file = Path(path)
-        check_output(file, bits)
+        check_output(file, bits, legend=legend)
         ending = file.suffix.lower()
         depth = bits or WRITABLE[ending][0]
         data: NDArray[Any]
         if ending == ".exr":
             data = _half(self.pixels) if depth == 16 else self.pixels
         else:
-            data = self.srgb(depth)
+            data = self.srgb(depth, legend)
         layers = self.features if ending == ".exr" else {}
         told = self.metadata()
         for layer, names in self._matte_names().items():
@@ -210,6 +223,23 @@ class Image:
 
     def _repr_png_(self) -> bytes:
         return self.png_bytes()
+
+
+def checked_legend(legend: ColorBar | Swatches | None) -> ColorBar | Swatches:
+    """The legend. Raises SceneError if there is none."""
+    if legend is None:
+        raise SceneError(
+            "there is no legend: the scene's colours stand for nothing; particles and meshes may be"
+            " coloured by a field (color_by)"
+        )
+    return legend
+
+
+def srgb_stored(linear: NDArray[np.float32], bits: int = 8) -> NDArray[Any]:
+    """Linear light as sRGB in whole numbers, uint8 or uint16."""
+    scaled = srgb_encoded(linear) * np.float32(2**bits - 1) + np.float32(0.5)
+    stored: NDArray[Any] = scaled.astype(np.uint8 if bits == 8 else np.uint16)
+    return stored
 
 
 def srgb_encoded(linear: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -319,7 +349,10 @@ def picture_size(path: str | os.PathLike[str], where: str = "") -> tuple[int, in
 
 
 def check_output(
-    path: str | os.PathLike[str], bits: int | None = None, features: bool = False
+    path: str | os.PathLike[str],
+    bits: int | None = None,
+    features: bool = False,
+    legend: bool = False,
 ) -> None:
     """Raises what save() would for a name that cannot be written, before the work is done."""
     file = Path(path)
@@ -331,6 +364,9 @@ def check_output(
         raise SceneError(f"{file}: {ending} cannot hold {bits} bits a channel (choices: {choices})")
     if features and ending != ".exr":
         raise SceneError(f"{file}: {ending} cannot hold features (choices: .exr)")
+    if legend and ending == ".exr":
+        choices = ", ".join(e for e in WRITABLE if e != ".exr")
+        raise SceneError(f"{file}: {ending} cannot hold a legend (choices: {choices})")
     check_place(file)
 
 

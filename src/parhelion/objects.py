@@ -18,7 +18,7 @@ from . import particles
 from .boxes import Box
 from .errors import SceneError
 from .io import LoadOptions, load
-from .io.mesh_file import colored, shaded
+from .io.mesh_file import colored, legend_of, shaded
 from .io.meshes import MeshData, check_indices
 from .particles import Labels, Particles, element_labels
 from .scene import Curves, Cylinders, Disks, Instances, Mesh, Scene, Shape, Spheres
@@ -88,7 +88,9 @@ def _surface(data: MeshData, options: LoadOptions, thing: Any) -> _Made:
     check_indices(_named(thing), data.faces, len(data.vertices))
     mesh = shaded(colored(data, options), _named(thing))
     camera = framing(axis(options.up or _MESH_UP))
-    return Scene([mesh], camera=camera, background=None, name=_named(thing)), True
+    legend = legend_of(data, options)
+    scene = Scene([mesh], camera=camera, background=None, name=_named(thing), legend=legend)
+    return scene, True
 
 
 def _own_scene(thing: Scene, _: LoadOptions) -> _Made:

@@ -20,7 +20,7 @@ from .bonds import NEAREST, TOLERANCE, Indices, by_distance, sticks
 from .boxes import Box, outline
 from .errors import SceneError, unknown_name
 from .glyphs import Glyphs, drawn
-from .scene import ColorBar, Instances, Material, Scene, Shape, Spheres, Swatches
+from .scene import ColorBar, Instances, Material, Scene, Shape, Spheres, Swatches, Vec3
 from .spectra import decode_srgb
 from .studio import framing
 
@@ -51,6 +51,8 @@ _PALETTE = np.array(
     ],
     np.uint8,
 )
+# Colours from which on a colour map is meant to be smooth, and steps that it then gets.
+_SMOOTH, _STEPS = 256, 4096
 # A value that is not a number is shown in this linear grey.
 _GREY = 0.25
 # Albedo of a colour of 255 among elements and types; 1 would be whiter than any material.
@@ -439,7 +441,7 @@ def _colors(
         if isinstance(values, Labels):
             return _label_colors(values, options.color_by)
         low, high = color_range(values, options.color_range)
-        colors = _mapped(values, options.colormap, low, high)
+        colors = mapped(values, options.colormap, low, high)
         return colors, ColorBar(options.color_by, options.colormap, low, high)
     if particles.colors is not None:
         return particles.colors.astype(np.float32, copy=False), None
@@ -470,13 +472,15 @@ def _label_colors(labels: Labels, what: str) -> _Kinds:
 def _kinds(labels: Labels, colors: NDArray[np.float32], what: str) -> _Kinds:
     """The colours of particles by those of the names, and what they stand for."""
     used = np.bincount(labels.codes, minlength=len(labels.names)) > 0
-    found = {
-        name: tuple(color)
-        for name, color, use in zip(labels.names, colors.tolist(), used, strict=True)
-        if use
-    }
-    ordered = sorted(found.items(), key=lambda kind: (len(kind[0]) * kind[0].isdecimal(), kind[0]))
-    return labels.each(colors), Swatches(what, tuple(ordered))
+    kinds = zip(labels.names, colors.tolist(), used, strict=True)
+    return labels.each(colors), swatches(what, {name: tuple(c) for name, c, use in kinds if use})
+
+
+def swatches(label: str, kinds: Mapping[str, Vec3]) -> Swatches:
+    """In the order of their numbers or names."""
+    return Swatches(
+        label, tuple(sorted(kinds.items(), key=lambda k: (len(k[0]) * k[0].isdecimal(), k[0])))
+    )
 
 
 def _field(particles: Particles, name: str) -> NDArray[Any] | Labels:
@@ -514,7 +518,7 @@ def map_colors(
     values. What is outside has the colour of the nearer end; NaN is grey.
     Raises SceneError for an unknown colour map, and limits that are not finite and increasing.
     """
-    return _mapped(values, colormap, *color_range(values, limits))
+    return mapped(values, colormap, *color_range(values, limits))
 
 
 def color_range(
@@ -536,12 +540,9 @@ def color_range(
     return float(low), float(high)
 
 
-def _mapped(values: NDArray[Any], colormap: str, low: float, high: float) -> NDArray[np.float32]:
-    from matplotlib import colormaps
-
-    if colormap not in colormaps:
-        raise SceneError(unknown_name("colour map", colormap, colormaps))
-    table = colormaps[colormap]
+def mapped(values: NDArray[Any], colormap: str, low: float, high: float) -> NDArray[np.float32]:
+    """As map_colors(), between two values, which may be the same. Raises SceneError."""
+    table = _table(colormap)
     numbers = values.astype(np.float64)
     # halves, as the difference of two large numbers may overflow
     span = 0.5 * high - 0.5 * low
@@ -549,7 +550,25 @@ def _mapped(values: NDArray[Any], colormap: str, low: float, high: float) -> NDA
         (0.5 * numbers - 0.5 * low) / span if span > 0 else np.where(numbers == low, 0.5, numbers)
     )
     known = ~np.isnan(place)
-    index = np.clip(np.where(known, place, 0.0) * table.N, 0, table.N - 1).astype(np.intp)
-    colors: NDArray[np.float32] = np.take(linear(table(np.arange(table.N))[:, :3]), index, axis=0)
+    index = np.clip(np.where(known, place, 0.0) * len(table), 0, len(table) - 1).astype(np.intp)
+    colors: NDArray[np.float32] = np.take(table, index, axis=0)
     colors[~known] = _GREY
     return colors
+
+
+def _table(colormap: str) -> NDArray[np.float32]:
+    """(M, 3) linear RGB of a colour map from its lower end to its upper, in equal steps.
+
+    Between a map's own colours, of which it has 256 mostly, there are more: of some maps they lie
+    so far apart that a colour bar and a particle on two sides of a step would look different. Maps
+    of fewer colours mean these.
+    """
+    from matplotlib import colormaps
+
+    if colormap not in colormaps:
+        raise SceneError(unknown_name("colour map", colormap, colormaps))
+    own = colormaps[colormap](np.arange(colormaps[colormap].N))[:, :3]
+    if len(own) < _SMOOTH:
+        return linear(own)
+    at = (np.arange(_STEPS) + 0.5) * len(own) / _STEPS - 0.5
+    return linear(np.stack([np.interp(at, np.arange(len(own)), c) for c in own.T], axis=1))

@@ -141,7 +141,8 @@ def render(
         raise ResourceError(f"not enough memory for a picture of {width}x{height}") from error
     if bad.any():
         _report_bad(prepared, view, wanted, counts, bad)
-    return Image(pixels, counts, stats, wanted, view_camera, prepared.flat, seen_features)
+    legend = prepared.scene.legend
+    return Image(pixels, counts, stats, wanted, view_camera, prepared.flat, seen_features, legend)
 
 
 def merged(base: Settings, changes: dict[str, Any]) -> Settings:

@@ -51,18 +51,20 @@ def save_sequence(
     *,
     fps: float = 30.0,
     bits: int | None = None,
+    legend: bool = False,
 ) -> int:
     """Writes pictures as they come, and returns how many.
 
     path: "turn.png" makes turn.0001.png, turn.0002.png and so on; "turn-%03d.exr" says where the
     number stands and how many digits it has. "turn.mp4" makes a film of fps pictures a second, for
-    which the program ffmpeg is needed; it appears when it is complete. bits: as for Image.save().
+    which the program ffmpeg is needed; it appears when it is complete. bits, legend: as for
+    Image.save().
 
     Raises what Image.save() does, and ResourceError without ffmpeg, before the first picture is
     asked for.
     """
     count = 0
-    with opened(path, fps=fps, bits=bits) as taker:
+    with opened(path, fps=fps, bits=bits, legend=legend) as taker:
         for image in images:
             taker.add(image)
             count += 1
@@ -76,6 +78,7 @@ def opened(
     fps: float = 30.0,
     bits: int | None = None,
     features: bool = False,
+    legend: bool = False,
 ) -> Iterator[Taker]:
     """What takes the pictures of one sequence; a film is whole, and there, after the block.
 
@@ -84,7 +87,8 @@ def opened(
     """
     name = os.fspath(path)
     if Path(name).suffix.lower() != FILM:
-        yield _Files(name, bits, features)
+        check_output(numbered(name, 1), bits, features, legend)
+        yield _Files(name, bits, legend)
         return
     if bits not in (None, 8):
         raise SceneError(f"{name}: {FILM} cannot hold {bits} bits a channel (choices: 8)")
@@ -99,7 +103,7 @@ def opened(
     check_place(Path(name))
     program = _ffmpeg(name)
     with tempfile.TemporaryFile() as said, taking_place(Path(name)) as temporary:
-        film = _Film(name, program, rate, temporary, said)
+        film = _Film(name, program, rate, temporary, said, legend)
         try:
             yield film
             film.finish()
@@ -128,26 +132,27 @@ def numbered(name: str, number: int) -> str:
 class _Files:
     """A file for each picture, each whole or not there."""
 
-    def __init__(self, name: str, bits: int | None, features: bool) -> None:
-        check_output(numbered(name, 1), bits, features)
-        self._name, self._bits, self._count = name, bits, 0
+    def __init__(self, name: str, bits: int | None, legend: bool) -> None:
+        self._name, self._bits, self._legend, self._count = name, bits, legend, 0
 
     def add(self, image: Image) -> None:
         self._count += 1
-        image.save(numbered(self._name, self._count), bits=self._bits)
+        image.save(numbered(self._name, self._count), self._bits, self._legend)
 
 
 class _Film:
     """ffmpeg, which is sent the pictures; it starts with the first one, which says the size."""
 
-    def __init__(self, name: str, program: str, fps: float, file: Path, said: IO[bytes]) -> None:
-        self._name, self._program, self._fps = name, program, fps
+    def __init__(
+        self, name: str, program: str, fps: float, file: Path, said: IO[bytes], legend: bool
+    ) -> None:
+        self._name, self._program, self._fps, self._legend = name, program, fps, legend
         self._file, self._said = file, said
         self._process: subprocess.Popen[bytes] | None = None
         self._size = (0, 0)
 
     def add(self, image: Image) -> None:
-        pixels = image.srgb()
+        pixels = image.srgb(legend=self._legend)
         size = pixels.shape[1], pixels.shape[0]
         if self._process is None:
             self._start(*size)

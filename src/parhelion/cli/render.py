@@ -17,8 +17,9 @@ from . import options
 
 if TYPE_CHECKING:
     from ..image import Image
+    from ..io.frames import Frames
     from ..progress import Progress, ProgressCallback
-    from ..scene import Settings
+    from ..scene import Scene, Settings
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -43,6 +44,11 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         action="store_true",
         help="also depth, position, normals, albedo, Cryptomattes and so on, as layers of the"
         " .exr file",
+    )
+    p.add_argument(
+        "--legend",
+        action="store_true",
+        help="what colours stand for, at the right side of the picture, which becomes wider",
     )
     picture = p.add_argument_group("picture (default: what the scene says)")
     picture.add_argument("--width", type=int, metavar="N")
@@ -144,14 +150,15 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any]) ->
 
     if args.fps is not None:
         raise SceneError("--fps needs a sequence of pictures: --turntable or --frames")
-    check_output(output, args.bits, args.features)
+    check_output(output, args.bits, args.features, args.legend)
     with options.naming(args):
         scene = prepare(options.load_scene(args))
+        _check_legend(args, scene.scene)
     watch = _Watch()
     # The camera can only be the file's own.
     with options.naming(args, "camera:"), watch.watching(args.quiet):
         image = render(scene, progress=watch, **settings)
-        image.save(output, bits=args.bits)
+        image.save(output, bits=args.bits, legend=args.legend)
     if image.stats.complete:
         if not args.quiet:
             print(f"{output}: {_summary(image)}", file=sys.stderr)
@@ -176,7 +183,8 @@ def _sequence(args: argparse.Namespace, output: str, settings: dict[str, Any]) -
     fps = {} if args.fps is None else {"fps": args.fps}
     start, watch, image = time.perf_counter(), _Watch(), None
     try:
-        with opened(output, bits=args.bits, features=args.features, **fps) as taker:
+        to_write = {"bits": args.bits, "features": args.features, "legend": args.legend} | fps
+        with opened(output, **to_write) as taker:
             with options.naming(args):
                 images = make(args, output if film else None, settings, watch)
             with options.naming(args, "camera:"), watch.watching(args.quiet):
@@ -209,6 +217,7 @@ def _turntable(
     from ..orbit import turntable
 
     scene = options.load_scene(args)
+    _check_legend(args, scene)
     _check_film(film, scene.settings, settings)
     watch.count = args.turntable
     return turntable(scene, args.turntable, progress=watch, **settings)
@@ -226,8 +235,17 @@ def _frames(
         raise SceneError("--frames needs a file")
     _check_film(film, Settings(), settings)
     scenes = load_frames(args.scene, args.frames, options.load_options(args))
+    _check_legend(args, scenes)
     watch.count = len(scenes)
     return (render(scene, progress=watch, **settings) for scene in scenes)
+
+
+def _check_legend(args: argparse.Namespace, scene: Scene | Frames) -> None:
+    """Raises SceneError for a legend that there is not, before there is a picture."""
+    from ..image import checked_legend
+
+    if args.legend:
+        checked_legend(scene.legend)
 
 
 def _check_film(film: str | None, base: Settings, settings: dict[str, Any]) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..errors import FormatError, SceneError
 from ..framing import hull
-from ..particles import Labels, Particles, neighbour_distance, to_scene
-from ..scene import ColorBar, Framing, Scene, Shape, Spheres
+from ..particles import Labels, Particles, neighbour_distance, swatches, to_scene
+from ..scene import ColorBar, Framing, Scene, Shape, Spheres, Swatches, Vec3
 from ..studio import dressed
 from . import FORMATS, LoadOptions, reading, resolved
 
@@ -63,6 +63,7 @@ class Frames:
         self._names: dict[str, list[str]] = {}
         self._options = options
         reach, low, high = _Reach(), np.inf, -np.inf
+        kinds: dict[str, Vec3] = {}
         first: Scene | None = None
         with reading(file), module.trajectory(file, options) as trajectory:
             self.numbers = range(trajectory.count)[which]
@@ -79,11 +80,18 @@ class Frames:
                 first = first or scene
                 if isinstance(scene.legend, ColorBar):
                     low, high = min(low, scene.legend.low), max(high, scene.legend.high)
+                elif scene.legend is not None:
+                    kinds.update(scene.legend.kinds)
                 for shape in scene.shapes:
                     reach.add(shape)
         assert first is not None
         if options.color_by is not None and low < high:
             self._options = replace(options, color_range=(low, high))
+        legend = first.legend
+        if isinstance(legend, ColorBar):
+            legend = replace(legend, low=low, high=high)
+        elif legend is not None:
+            legend = swatches(legend.label, kinds)
         about = reach.spheres()
         stage = dressed(
             first.replace(shapes=(about,)),
@@ -94,9 +102,15 @@ class Frames:
         )
         assert isinstance(stage.camera, Framing)
         self._stage = stage.replace(
+            legend=legend,
             camera=replace(stage.camera, shapes=(about,)),
             shapes=tuple(shape for shape in stage.shapes if shape is not about),
         )
+
+    @property
+    def legend(self) -> ColorBar | Swatches | None:
+        """What the colours of all scenes stand for."""
+        return self._stage.legend
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -109,7 +123,7 @@ class Frames:
                 particles = self._alike(trajectory.read(number))
                 scene = to_scene(particles, self._options, f"{self._file.name}, frame {number}")
                 shapes = (*scene.shapes, *self._stage.shapes)
-                yield self._stage.replace(shapes=shapes, name=scene.name, legend=scene.legend)
+                yield self._stage.replace(shapes=shapes, name=scene.name)
 
     def _note_names(self, particles: Particles) -> None:
         for key, labels in _labels(particles).items():

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import particles
 from ..errors import FormatError, SceneError, unknown_name
-from ..scene import Material, Mesh, Scene, Texture
+from ..scene import ColorBar, Material, Mesh, Scene, Texture
 from ..studio import axis, framing
 from . import COMPRESSED, LoadOptions
 from .files import Reports
@@ -49,10 +50,11 @@ def load(path: Path, options: LoadOptions) -> Scene:
             return _points(path, data, options)
         try:
             mesh = shaded(colored(data, options), path.stem)
+            legend = legend_of(data, options)
         except SceneError as error:
             raise FormatError(f"{path}: {error}") from None
     up = axis(options.up or _UP.get(kind, "y"))
-    return Scene([mesh], camera=framing(up), background=None, name=path.name)
+    return Scene([mesh], camera=framing(up), background=None, name=path.name, legend=legend)
 
 
 def save(scene: Scene, path: Path, reports: Reports) -> None:
@@ -81,17 +83,28 @@ def colored(data: MeshData, options: LoadOptions) -> MeshData:
             raise SceneError(f"the option {name!r} is for particles; this is a mesh")
     if options.color_by is None:
         return data
-    # the fields' names, and where they are: "vertex_" or "face_"
-    known = {key.partition("_")[2]: key for key in data.attributes}
-    if options.color_by not in known:
-        raise SceneError(unknown_name("field to colour by", options.color_by, known))
-    key = known[options.color_by]
-    values = np.asarray(data.attributes[key], np.float64)
-    if values.ndim == 2:
-        values = np.linalg.norm(values, axis=1)
+    key, values = _field(data, options.color_by)
     colors = particles.map_colors(values, options.colormap, options.color_range)
     others = {k: v for k, v in data.attributes.items() if not k.endswith("_color")}
     return replace(data, attributes=others | {f"{key.partition('_')[0]}_color": colors})
+
+
+def legend_of(data: MeshData, options: LoadOptions) -> ColorBar | None:
+    """What the colours stand for that colored() gives the mesh. Raises SceneError as it does."""
+    if options.color_by is None:
+        return None
+    limits = particles.color_range(_field(data, options.color_by)[1], options.color_range)
+    return ColorBar(options.color_by, options.colormap, *limits)
+
+
+def _field(data: MeshData, name: str) -> tuple[str, NDArray[np.float64]]:
+    """The attribute that a field is, and its numbers, of vectors their lengths."""
+    # the fields' names, and where they are: "vertex_" or "face_"
+    known = {key.partition("_")[2]: key for key in data.attributes}
+    if name not in known:
+        raise SceneError(unknown_name("field to colour by", name, known))
+    values = np.asarray(data.attributes[known[name]], np.float64)
+    return known[name], np.linalg.norm(values, axis=1) if values.ndim == 2 else values
 
 
 def shaded(data: MeshData, name: str, material: Any = None) -> Mesh:
