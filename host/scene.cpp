@@ -308,11 +308,20 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
   std::vector<Ref> refs(count);
   for (u32 k = 0; k < shapes.size(); ++k) {
     const u32 first = shapes_[first_record + k].first_id;
-#pragma omp parallel for
+    size_t lost = shapes[k].count;  // the first primitive that has no box
+#pragma omp parallel for reduction(min : lost)
     for (size_t i = 0; i < shapes[k].count; ++i) {
       Ref r{{}, first + static_cast<u32>(i), k};
       r.box = leaves.box(r);
+      bool whole = true;
+      for (int axis = 0; axis < 3; ++axis) whole = whole && r.box.low[axis] <= r.box.high[axis];
+      if (!whole) lost = std::min(lost, i);
       refs[r.id - first_group_id] = r;
+    }
+    // A cylinder whose ends are one point beside the scene's extent has no direction.
+    if (lost < shapes[k].count) {
+      throw SceneError("shape '" + shapes[k].name + "': primitive " + std::to_string(lost) +
+                       " is too small or too thin for single precision beside the scene's extent");
     }
   }
 

@@ -218,6 +218,12 @@ def test_a_material_by_name_by_itself_and_by_index() -> None:
             ),
             r"starts\[7\] and ends\[7\] are the same point",
         ),
+        (  # and where only the scene's extent makes them one
+            ph.Scene(
+                [ph.Cylinders(np.zeros((20, 3)), [[1e9, 0, 0]] * 7 + [[1e-40, 0, 0]] * 13, 0.1)]
+            ),
+            r"'cylinders': primitive 7 is too small or too thin for single precision",
+        ),
         (
             ph.Scene([ph.Curves(np.eye(3), basis="bspline")]),
             r"counts\[0\] is 3; a bspline strand has at least 4 control points",
