@@ -119,8 +119,8 @@ def test_json_gives_the_same_picture_to_the_last_bit(
 @pytest.mark.parametrize(
     "name",
     [
-        "pbrt-v1v3/arcsphere-v3/arcsphere.pbrt",
-        "gltf/khronos-small/CesiumMilkTruck.glb",
+        "bitterli-cornell-box/scene-v4.pbrt",
+        "gltf/khronos-small/BoxTextured.glb",
         "particles/chemfiles/gro/1vln-triclinic.gro",
     ],
 )
@@ -330,6 +330,30 @@ def test_copies_as_ply_are_multiplied_out(tmp_path: Path) -> None:
     assert np.array_equal(ply.read(tmp_path / "a.ply").normals, [[0, 0, 1]] * 6)
 
 
+def test_attributes_that_some_meshes_lack_are_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    flat = ph.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], attributes={"face_age": [1]})
+    scene = ph.Scene([flat, replace(flat, attributes={})], background=None)
+    ph.save(scene, tmp_path / "a.ply")
+    assert caplog.messages == [
+        "a.ply: attribute 'face_age': not of all meshes, or no name for PLY; left out"
+    ]
+    assert ply.read(tmp_path / "a.ply").attributes == {}
+
+
+def test_colours_and_holes_by_attributes_that_are_not_there_as_gltf(tmp_path: Path) -> None:
+    none = ph.Texture("attribute", name="face_none")
+    hole = ph.Material("diffuse", color=none, opacity=none)
+    turned = ph.Material("diffuse", color=ph.Texture("image", image=GREY, uvs="face_none"))
+    shapes = [ph.Spheres([[0, 0, 0]], material=hole), replace(torus(), material=turned)]
+    ph.save(ph.Scene(shapes, **LIT), tmp_path / "a.glb")
+    again = ph.load(tmp_path / "a.glb")
+    # as in the scene, where what is not there is black; the same everywhere, so no attribute
+    params = again.materials[alone(again)[0].material].params
+    assert (params["color"], params["opacity"]) == ((0.0, 0.0, 0.0), 0.0)
+
+
 def test_spheres_as_ply_are_points(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     balls = full_scene().shapes[1]
     names = full_scene().materials
@@ -414,6 +438,7 @@ def test_a_mesh_as_gltf_gives_the_same_picture(tmp_path: Path, ending: str) -> N
     assert names == set(materials)
 
 
+GREY = np.full((2, 2), 128, np.uint8)
 NUMBER = ph.Texture("image", image=RANDOM.integers(0, 256, (4, 4), np.uint8), channel="g")
 COLOR = ph.Texture("image", image=RANDOM.integers(0, 256, (4, 4, 3), np.uint8), color_space="srgb")
 EVERYTHING = ph.Material(
@@ -447,6 +472,7 @@ EVERYTHING = ph.Material(
             ph.Material("principled", anisotropy=0.5, anisotropy_rotation=30.0, roughness=0.5),
             {"anisotropy": 0.5, "anisotropy_rotation": 30.0, "roughness": 0.5},
         ),
+        (ph.Material("principled", anisotropy=0.99, roughness=0.2), {"anisotropy": 0.99}),
         (
             ph.Material("diffuse", color=(0.5, 0.5, 0.5)),
             {"color": (0.5, 0.5, 0.5), "metallic": 0.0, "specular": 0.0},

@@ -27,6 +27,8 @@ _DIELECTRIC = 0.04
 # The largest index that `principled` takes
 _MOST_IOR = 10.0
 _MOST_DISPERSION = 10.0
+# The largest anisotropy that `principled` takes is 0.99; in single precision that is above it.
+_MOST_STRETCH = np.nextafter(np.float32(0.99), np.float32(0.0))
 
 
 @dataclass(frozen=True)
@@ -599,7 +601,7 @@ def _stretched_roughness(strength: Any, roughness: Any) -> Any:
 def _stretch(strength: Any, roughness: Any) -> Any:
     """Our anisotropy a: the alphas have the ratio (1 + a) / (1 - a)."""
     along, across = _alphas(strength, roughness)
-    return np.minimum((along - across) / (along + across), np.float32(0.99))
+    return np.minimum((along - across) / (along + across), _MOST_STRETCH)
 
 
 def _angles(turned: float, pixels: NDArray[Any]) -> NDArray[np.float32]:

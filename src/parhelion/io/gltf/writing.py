@@ -208,7 +208,8 @@ class _Writer:
             given = mesh.attributes.get(name) if name else mesh.uvs
             if given is None:
                 self._reports.add(f"shape {mesh.name!r}: has no {name!r}, which a texture lies on")
-                given = np.zeros((count, 2), np.float32)
+                rows = len(np.asarray(mesh.faces)) if name.startswith("face_") else count
+                given = np.zeros((rows, 2), np.float32)
             attributes[f"TEXCOORD_{i}"] = array(name or "uvs", given, _downwards)
         if surface.color or surface.alpha:
             attributes["COLOR_0"] = self._colors(mesh, surface, array)
@@ -224,21 +225,23 @@ class _Writer:
         """COLOR_0 of a colour attribute and one of opacity, either of which may be missing."""
         names = [n for n in (surface.color, surface.alpha) if n]
         kinds = {n.partition("_")[0] for n in names}
+        # black and invisible where there is none
         found = {n: mesh.attributes.get(n) for n in names}
         rows = len(np.asarray(mesh.faces if kinds == {"face"} else mesh.vertices))
         color: Any = np.ones((rows, 3), np.float32)
         if surface.color:
             given = found[surface.color]
-            if given is None:  # which is black
-                given = np.zeros((rows, 3), np.float32)
-            color = np.asarray(given, np.float32).reshape(len(np.asarray(given)), -1)
+            color = np.zeros((rows, 3)) if given is None else np.asarray(given)
+            color = color.astype(np.float32).reshape(len(color), -1)
         if len(kinds) > 1:
             self._reports.add(
                 "colours by vertex with opacity by face, or the reverse: not in glTF; the opacity"
                 " is left out"
             )
         elif surface.alpha:
-            alpha = np.asarray(found[surface.alpha], np.float32).reshape(rows, -1)[:, :1]
+            given = found[surface.alpha]
+            alpha = np.zeros(rows) if given is None else np.asarray(given)
+            alpha = alpha.astype(np.float32).reshape(rows, -1)[:, :1]
             color = np.concatenate([np.broadcast_to(color, (rows, 3)), alpha], axis=1)
         if color.shape[1] < 3:
             color = np.broadcast_to(color[:, :1], (len(color), 3))

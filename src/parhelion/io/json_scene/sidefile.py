@@ -144,10 +144,12 @@ def of(document: Path) -> str | None:
 
 
 def remove(name: str, document: Path) -> None:
-    """Removes a side file that the document named before, unless a copy of that document is in
-    the folder.
+    """Removes a side file that the document named before, unless a copy of that document is, or
+    may be packed, in the folder.
     """
     try:
+        if any(document.parent.glob("*.json.*z*")):
+            return
         for other in document.parent.glob("*.json"):
             with open(other, "rb") as file:
                 if name.encode() in file.read(_HEAD):

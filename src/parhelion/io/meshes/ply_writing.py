@@ -32,8 +32,8 @@ Columns = dict[str, NDArray[Any]]
 def save(scene: Scene, path: Path, reports: Reports) -> None:
     """Writes the scene; see io.save. Raises SceneError, ResourceError."""
     solids = list(_solids(scene.shapes))
-    meshes = [s for s in solids if isinstance(s, Mesh)]
-    spheres = [s for s in solids if isinstance(s, Spheres)]
+    meshes = [s for s in solids if isinstance(s, Mesh) and np.size(s.faces)]
+    spheres = [s for s in solids if isinstance(s, Spheres) and np.size(s.centers)]
     others = {type(s).__name__.lower() for s in solids} - {"mesh", "spheres"}
     for kind in sorted(others):
         reports.add(f"{kind}: PLY has triangles or points; left out")
@@ -300,10 +300,11 @@ def _attributes(meshes: Sequence[Mesh], place: str, reports: Reports) -> Columns
     names = {n: None for m in meshes for n in m.attributes if n.startswith(f"{place}_")}
     for name in names:
         short = name.removeprefix(f"{place}_")
-        arrays = [np.asarray(m.attributes.get(name, ()), np.float32) for m in meshes]
-        wide = [a.reshape(len(a), -1) for a in arrays]
-        width = {a.shape[1] for a in wide if a.size}
-        usable = all(a.size for a in wide) and len(width) == 1 and short.isidentifier()
+        none = np.empty((0, 1), np.float32)
+        arrays = [np.asarray(m.attributes.get(name, none), np.float32) for m in meshes]
+        wide = [a[:, None] if a.ndim == 1 else a for a in arrays]
+        width = {a.shape[1] for a in wide}
+        usable = all(len(a) for a in wide) and len(width) == 1 and short.isidentifier()
         if short == "color":  # as the colour
             continue
         if not usable or short in _TAKEN or not short.isascii():
