@@ -321,7 +321,8 @@ def test_defaults_are_those_of_the_dataclasses(folder: Path) -> None:
 )
 def test_every_field_of_the_dataclasses_has_its_name_here(block: Any, dataclass: Any) -> None:
     missing = {f.name for f in fields(dataclass)} - set(block.__struct_encode_fields__)
-    assert missing == set()
+    # what colours stand for is not kept in files
+    assert missing == ({"legend"} if dataclass is ph.Scene else set())
 
 
 def test_words_that_other_modules_list_are_all_known_here() -> None:
