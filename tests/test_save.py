@@ -617,6 +617,36 @@ def test_large_spheres_have_more_sides() -> None:
     assert solids.sides(radii, 0.2).tolist() == [64, 64, 128, 256, 1024]
 
 
+def test_colours_of_copies_are_kept(tmp_path: Path) -> None:
+    part = ph.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], name="part")
+    own = replace(part, colors=[[0, 0, 1]], name="own")
+    ball = ph.Spheres([[0, 0, 0]], material=["grey"])
+    turns = np.tile(np.eye(4), (3, 1, 1))
+    turns[:, 0, 3] = [0, 2, 4]
+    colors = [[1, 0, 0], [0, 1, 0], [1, 0, 0]]
+    grey = {"grey": ph.Material("diffuse")}
+    scene = ph.Scene([ph.Instances([part, own, ball], turns, colors=colors)], grey, **LIT)
+    ph.save(scene, tmp_path / "a.glb", strict=True)
+    again = ph.load(tmp_path / "a.glb")
+    found = {}
+    for shape in alone(again):
+        parts = shape.shapes if isinstance(shape, ph.Instances) else [shape]
+        for p in parts:
+            color = again.materials[p.material].params["color"]
+            name = p.name.split(" ")[0], color if isinstance(color, tuple) else "vertex"
+            found[name] = len(shape.transforms) if isinstance(shape, ph.Instances) else 1
+    red, green, blue = np.eye(3).tolist()
+    counts = {(n, tuple(c)): k for n in ("part", "spheres") for c, k in ((red, 2), (green, 1))}
+    blues = {k: v for k, v in found.items() if k[0] == "own"}
+    assert {k: v for k, v in found.items() if k[0] != "own"} == counts
+    assert sum(blues.values()) == 3
+    assert {c for _, c in blues} == {tuple(blue)}
+    scene = ph.Scene([ph.Instances([part, own], turns, colors=colors)], **LIT)
+    ph.save(scene, tmp_path / "a.ply")
+    rows = ply.read(tmp_path / "a.ply").attributes["face_color"]
+    assert np.array_equal(rows, [*colors, blue, blue, blue])
+
+
 @pytest.mark.parametrize("count", [3, 1500])
 def test_copies_as_gltf_are_nodes_or_instances(tmp_path: Path, count: int) -> None:
     turns = np.tile(np.eye(4), (count, 1, 1))

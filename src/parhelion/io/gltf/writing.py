@@ -28,6 +28,7 @@ from ...scene import (
     Mesh,
     Scene,
     Shape,
+    Solid,
     Spheres,
     Texture,
 )
@@ -103,21 +104,18 @@ class _Writer:
     # --- Shapes ----------------------------------------------------------------------------------
 
     def _shape(self, shape: Shape) -> Iterable[_Placed]:
-        if isinstance(shape, Instances) and shape.colors is not None:
-            for one in self._by_color(shape):
-                yield from self._shape(one)
-        elif isinstance(shape, Instances):
-            copies = _square(shape.transforms)
-            for part in shape.shapes:
-                for found in self._shape(part):
-                    if len(found.where) * len(copies) > _MOST_COPIES:
-                        raise SceneError(
-                            f"shape {shape.name!r}: makes more than {_MOST_COPIES:,} copies; glTF"
-                            " has no copies of copies"
-                        )
-                    where = (copies[:, None] @ found.where[None]).reshape(-1, 4, 4)
-                    name = shape.name if len(shape.shapes) == 1 else found.name
-                    yield _Placed(name, found.mesh, where)
+        if isinstance(shape, Instances):
+            for parts, copies in self._groups(shape):
+                for part in parts:
+                    for found in self._shape(part):
+                        if len(found.where) * len(copies) > _MOST_COPIES:
+                            raise SceneError(
+                                f"shape {shape.name!r}: makes more than {_MOST_COPIES:,} copies;"
+                                " glTF has no copies of copies"
+                            )
+                        where = (copies[:, None] @ found.where[None]).reshape(-1, 4, 4)
+                        name = shape.name if len(shape.shapes) == 1 else found.name
+                        yield _Placed(name, found.mesh, where)
         elif isinstance(shape, Mesh):
             if len(np.asarray(shape.faces)):
                 yield _Placed(shape.name, self._mesh(shape), np.eye(4)[None])
@@ -126,20 +124,31 @@ class _Writer:
         else:
             yield from self._round(shape)
 
-    def _by_color(self, shape: Instances) -> Iterable[Instances]:
-        """The copies of each colour; glTF's have their mesh's."""
-        colors, matrices = np.asarray(shape.colors), np.asarray(shape.transforms)
-        used, of = np.unique(colors, axis=0, return_inverse=True)
-        for i, color in enumerate(used.tolist()):
-            parts = [
-                replace(part, material=self._in_color(part.material, tuple(color)))
-                if part.colors is None and isinstance(part.material, (str, Material))
-                else part
-                for part in shape.shapes
-            ]
-            yield replace(
-                shape, shapes=parts, transforms=matrices[of.reshape(-1) == i], colors=None
-            )
+    def _groups(self, shape: Instances) -> Iterable[tuple[Sequence[Solid], Matrices]]:
+        """The shapes of instances and where they are, for each colour that they are copied in."""
+        copies = _square(shape.transforms)
+        if shape.colors is None:
+            yield shape.shapes, copies
+            return
+        colors = np.asarray(shape.colors, np.float32).reshape(-1, 3)
+        for own in _alike(*self._rounded(colors).T):
+            color = np.clip(colors[own].astype(np.float64).mean(axis=0), 0.0, None)
+            yield [self._tinted(part, color) for part in shape.shapes], copies[own]
+
+    def _tinted(self, part: Solid, color: NDArray[np.float64]) -> Solid:
+        """A shape in a colour, unless it has its own."""
+        if part.colors is not None or isinstance(part, Curves):
+            return part
+        if isinstance(part, Mesh) and isinstance(part.material, (str, Material)):
+            return replace(part, material=self._in_color(part.material, tuple(color.tolist())))
+        each: Any = (
+            part.faces
+            if isinstance(part, Mesh)
+            else part.starts
+            if isinstance(part, Cylinders)
+            else part.centers
+        )
+        return replace(part, colors=np.tile(color, (len(np.asarray(each)), 1)))
 
     def _material(self, given: Any) -> Material:
         if isinstance(given, Material):
