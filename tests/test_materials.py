@@ -455,6 +455,27 @@ def fresnel(cosine: float, eta: float) -> float:
 ANGLES = [0.0, 20.0, 40.0, 56.309932, 75.0, 88.0]
 
 
+@pytest.mark.parametrize(
+    ("params", "share"),
+    [
+        # seen straight on, where Schlick's formula gives the colour itself
+        ({"metallic": 1.0, "roughness": 0.05}, 1.0),
+        # half of it, and 0.96 of the colour and the 0.04 of the interface of the other half
+        ({"metallic": 0.5, "roughness": 0.05}, None),
+        ({"transmission": 1.0, "roughness": 0.05}, None),
+    ],
+)
+def test_principled_has_the_colour_that_it_is_given(
+    params: dict[str, Any], share: float | None
+) -> None:
+    color = np.array([0.9, 0.5, 0.2])
+    material = block("materials", "principled", {"color": tuple(color), **params}, "test")
+    found, noise = share_scattered(material, np.array([0.0, 0.0, 1.0]), 7)
+    clear = 0.04 + 0.96 * color
+    expected = color if share else clear if "transmission" in params else (color + clear) / 2
+    np.testing.assert_allclose(found, expected, atol=5e-3 + noise.max())
+
+
 @pytest.mark.parametrize("ior", [1.5, 1.0003, 2.4, 1 / 1.5, 1 / 1.33])
 @pytest.mark.parametrize("inside", [False, True])
 def test_dielectric_reflects_by_fresnel_and_refracts_by_snell(ior: float, inside: bool) -> None:

@@ -144,8 +144,8 @@ struct Layers {
   Dielectric inner;
   float eta;  // far side over near side
   float gain_o;
-  Vec3 metal, film, gloss, matte, glass;
-  float coat_weight;
+  Vec3 film, gloss, matte, glass;
+  float metal, coat_weight;
   float chance[kLobes];
 };
 
@@ -215,13 +215,13 @@ inline Layers layers(const Principled& m, Vec3 world_wo) {
                            {gloss_eta, gloss_eta, gloss_eta}) *
                m.iridescence;
   }
-  l.metal = m.color * (metal * bare);
+  l.metal = metal * bare;
   l.film = on_metal * metal + on_other * other;
   l.gloss = m.specular_color * (dull * bare);
   l.matte = rest(on_other + Vec3{1, 1, 1} * (bare * gloss_share)) * dull;
   l.glass = rest(on_other) * clear;
 
-  const float share[kLobes] = {mean(l.metal) + mean(l.film) + mean(l.gloss) * gloss_share,
+  const float share[kLobes] = {l.metal * mean(m.color) + mean(l.film) + mean(l.gloss) * gloss_share,
                                mean(l.matte * m.color), mean(l.glass), l.coat_weight * coat_share,
                                mean(m.sheen_color) * sheen_share};
   float sum = 0.0f;
@@ -251,7 +251,7 @@ inline PrincipledValue evaluate(const Principled& m, const Layers& l, Vec3 wi) {
   const float gain = l.gain_o * metal_gain(l.facets, wi);
   const Vec3 metal = reflected(lerp(m.color, {1, 1, 1}, schlick_weight(facing)), gain);
   const float gloss = fresnel_dielectric(facing, l.inner.ior).reflected;
-  r.value += (l.metal * metal + l.film * gain) * f.value;
+  r.value += (metal * l.metal + l.film * gain) * f.value;
   r.value += l.gloss * (gloss * f.pdf * visible_share(l.facets, wi));
   r.pdf += l.chance[kMirrorLobe] * f.pdf;
 
