@@ -20,7 +20,7 @@ from fuzz.seeds import OPTIONS, READERS
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc")
 
 # Spoilt files of each reader
-COUNT = 50
+COUNT = 30
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +118,7 @@ def test_what_is_found(
                 found = worker.load(case)
                 return found["outcome"] == "finding" and signature(found) == signature(said)
 
-            small = shrunk(whole, same, 5.0)
+            small = shrunk(whole, same, 120.0)  # much less, but on a busy machine
             assert small.files == {"a.xyz": b"crash"}
 
 
