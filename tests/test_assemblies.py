@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 import parhelion as ph
 from parhelion import io
 from parhelion.framing import bounds
-from parhelion.glyphs import named
 from parhelion.io import LoadOptions
 from parhelion.particles import Copies, Particles, to_scene
+from parhelion.particles.glyphs import named
 from parhelion.scene import Instances
 
 pytest.importorskip("chemfiles")
@@ -186,7 +186,7 @@ def test_models_of_other_atoms_are_refused(tmp_path: Path) -> None:
     ],
 )
 def test_what_copies_do_not_go_with(more: Any, options: Any, words: str) -> None:
-    from parhelion.boxes import Box
+    from parhelion.particles.boxes import Box
 
     everything = Copies(np.ones(2, bool), IDENTITY[None])
     box = Box(np.eye(3), np.zeros(3))

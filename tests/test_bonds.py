@@ -15,10 +15,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import parhelion as ph
 from parhelion import io
-from parhelion.bonds import by_distance
-from parhelion.boxes import Box, reduced
 from parhelion.io import LoadOptions
 from parhelion.particles import Labels, Particles, to_scene
+from parhelion.particles.bonds import by_distance
+from parhelion.particles.boxes import Box, reduced
 from parhelion.scene import Cylinders, Disks
 
 BOXES = [

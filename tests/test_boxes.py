@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import parhelion as ph
 from parhelion import io
-from parhelion.boxes import Box
 from parhelion.framing import bounds, placed
 from parhelion.io import LoadOptions
 from parhelion.particles import Particles, to_scene
+from parhelion.particles.boxes import Box
 from parhelion.studio import dressed
 
 TILTED = np.array([[6.0, 0, 0], [2, 5, 0], [-1, 3, 4]])

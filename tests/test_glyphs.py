@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import parhelion as ph
-from parhelion import glyphs, io
+from parhelion import io
 from parhelion.framing import bounds
 from parhelion.io import LoadOptions, lammps, npz, xyz
-from parhelion.particles import Labels, Particles, to_scene
+from parhelion.particles import Labels, Particles, glyphs, to_scene
 from parhelion.scene import Instances
 
 CUBE = np.array(list(product((-1.0, 1), repeat=3)))

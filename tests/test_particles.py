@@ -19,13 +19,14 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import parhelion as ph
-from parhelion import elements, io
+from parhelion import io
 from parhelion.framing import placed
 from parhelion.io import LoadOptions, lammps, npz, text, xyz
 from parhelion.particles import (
     Labels,
     Particles,
     element_labels,
+    elements,
     linear,
     map_colors,
     neighbour_distance,

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from . import particles
-from .boxes import Box
 from .errors import SceneError
 from .io import LoadOptions, load
 from .io.mesh_file import colored, legend_of, shaded
 from .io.meshes import MeshData, check_indices
 from .particles import Labels, Particles, element_labels
+from .particles.boxes import Box
 from .scene import Curves, Cylinders, Disks, Instances, Mesh, Scene, Shape, Spheres
 from .studio import axis, dressed, framing
 

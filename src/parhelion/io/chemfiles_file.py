@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import elements, particles
-from ..boxes import Box
+from .. import particles
 from ..errors import FormatError, SceneError
-from ..particles import FARTHEST, Copies, Labels, Particles, to_scene
+from ..particles import FARTHEST, Copies, Labels, Particles, elements, to_scene
+from ..particles.boxes import Box
 from ..scene import Scene
 from . import COMPRESSED, LoadOptions
 from .text import TextFile, Trajectory, errors_name, frame_index

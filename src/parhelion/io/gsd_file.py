@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import particles
-from ..boxes import Box
 from ..errors import FormatError, SceneError, unknown_name
-from ..glyphs import Body, Glyphs, ball, faceted, polygon, polyhedron, union
 from ..particles import FARTHEST, Labels, Particles, to_scene
+from ..particles.boxes import Box
+from ..particles.glyphs import Body, Glyphs, ball, faceted, polygon, polyhedron, union
 from ..scene import Scene
 from . import LoadOptions
 from .text import Trajectory, errors_name, frame_index

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import particles
-from ..boxes import Box
 from ..errors import SceneError
-from ..glyphs import ellipsoids
 from ..particles import Labels, Particles, element_labels, to_scene
+from ..particles.boxes import Box
+from ..particles.glyphs import ellipsoids
 from ..scene import Scene
 from . import LoadOptions
 from .text import Table, TextFile, Trajectory, errors_name, is_number, text_trajectory

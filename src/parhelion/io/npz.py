@@ -23,10 +23,10 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from .. import particles
-from ..boxes import Box
 from ..errors import SceneError
-from ..glyphs import Glyphs, named
 from ..particles import Labels, Particles, element_labels, linear, to_scene
+from ..particles.boxes import Box
+from ..particles.glyphs import Glyphs, named
 from ..scene import Scene
 from . import LoadOptions
 from .text import errors_name, frame_index

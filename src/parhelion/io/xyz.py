@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import elements, particles
-from ..boxes import Box
+from .. import particles
 from ..errors import SceneError
-from ..glyphs import ellipsoids
-from ..particles import Labels, Particles, element_labels, linear, to_scene
+from ..particles import Labels, Particles, element_labels, elements, linear, to_scene
+from ..particles.boxes import Box
+from ..particles.glyphs import ellipsoids
 from ..scene import Scene
 from . import LoadOptions
 from .text import Table, TextFile, Trajectory, errors_name, is_number, text_trajectory

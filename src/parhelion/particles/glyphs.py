@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import SceneError, unknown_name
-from .scene import Cylinders, Disks, Instances, Material, Mesh, Solid, Spheres
+from ..errors import SceneError, unknown_name
+from ..scene import Cylinders, Disks, Instances, Material, Mesh, Solid, Spheres
 
 Floats = NDArray[np.floating[Any]]
 Body = Sequence[Solid]

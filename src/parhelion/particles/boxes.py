@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import SceneError
-from .scene import Cylinders, Material, Solid, Spheres
+from ..errors import SceneError
+from ..scene import Cylinders, Material, Solid, Spheres
 
 Floats = NDArray[np.floating[Any]]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import SceneError
+from ..scene import Cylinders, Disks, Material, Solid
 from .boxes import Box, fractions, reduced, widths
-from .errors import SceneError
-from .scene import Cylinders, Disks, Material, Solid
 
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.intp]

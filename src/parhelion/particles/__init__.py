@@ -1,0 +1,33 @@
+"""Particles, and the scene made of them.
+
+Every particle format ends here, so that a file and a NumPy array give the same picture.
+
+    data        particles as arrays
+    scenes      spheres and other bodies, bonds, a box, and a view of them: to_scene
+    colors      of kinds and fields, and what they stand for
+    bonds, boxes, glyphs   what is drawn besides spheres
+    elements    radii and colours of the elements
+"""
+
+from .boxes import Box
+from .colors import color_range, linear, map_colors, mapped, swatches
+from .data import FARTHEST, Copies, Labels, Particles, element_labels
+from .scenes import OPTIONS, STYLES, neighbour_distance, to_scene
+
+__all__ = [
+    "FARTHEST",
+    "OPTIONS",
+    "STYLES",
+    "Box",
+    "Copies",
+    "Labels",
+    "Particles",
+    "color_range",
+    "element_labels",
+    "linear",
+    "map_colors",
+    "mapped",
+    "neighbour_distance",
+    "swatches",
+    "to_scene",
+]
