@@ -512,9 +512,7 @@ def wait_for(process: subprocess.Popen[str], text: str) -> None:
         (signal.SIGTERM, "--tree none --threads 1 --schedule static"),
     ],
 )
-def test_a_signal_ends_it_soon_with_what_there_is(
-    tmp_path: Path, number: int, words: str
-) -> None:
+def test_a_signal_ends_it_soon_with_what_there_is(tmp_path: Path, number: int, words: str) -> None:
     with started(*ENDLESS, "-o", "a.exr", *words.split(), cwd=tmp_path) as process:
         wait_for(process, "nodes")  # the tree is built, the rendering begins
         time.sleep(0.7)

@@ -176,3 +176,26 @@ def test_refused(thing: Any, words: str) -> None:
 def test_unknown_option() -> None:
     with pytest.raises(ph.SceneError, match="unexpected keyword argument 'colour_by'"):
         ph.scene_of(CORNERS, colour_by="x")
+
+
+def test_options_that_an_object_has_no_use_for_are_refused() -> None:
+    with pytest.raises(ph.SceneError, match="'time' is not for objects of type list"):
+        ph.scene_of([[0.0, 0.0, 0.0]], time=3.0)
+    with pytest.raises(ph.SceneError, match="'color_by' is not for objects of type Scene"):
+        ph.scene_of(ph.weekend(), color_by="x")
+
+
+def test_textured_meshes_of_trimesh() -> None:
+    trimesh = pytest.importorskip("trimesh")
+    image = pytest.importorskip("PIL.Image")
+    picture = image.fromarray(np.array([[[255, 0, 0], [0, 0, 255]]], np.uint8))
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=picture, metallicFactor=0.25, roughnessFactor=0.5
+    )
+    visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [0, 1]], material=material)
+    mesh = trimesh.Trimesh(np.eye(3), [[0, 1, 2]], visual=visual, process=False)
+    (made,) = (s for s in ph.scene_of(mesh).shapes if isinstance(s, ph.Mesh))
+    np.testing.assert_array_equal(made.uvs, [[0, 0], [1, 0], [0, 1]])
+    params = made.material.params
+    assert (params["metallic"], params["roughness"]) == (0.25, 0.5)
+    np.testing.assert_array_equal(params["color"].params["image"], np.asarray(picture))

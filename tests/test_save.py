@@ -668,6 +668,21 @@ def test_copies_as_gltf_are_nodes_or_instances(tmp_path: Path, count: int) -> No
 
 
 @pytest.mark.parametrize("ending", ["glb", "ply"])
+def test_the_light_of_the_studio_is_not_written_where_it_is_added(
+    tmp_path: Path, ending: str
+) -> None:
+    """As JSON a scene has all that it was given; from there it goes on without."""
+    (tmp_path / "w.xyz").write_text("2\n\nO 0 0 0\nH 1 0 0\n")
+    ph.save(ph.load(tmp_path / "w.xyz"), tmp_path / "w.json")
+    dressed = ph.load(tmp_path / "w.json")
+    assert [s.name for s in dressed.shapes] == ["particles", "key light"]
+    ph.save(dressed, tmp_path / f"w.{ending}", strict=True)
+    names = [s.name for s in ph.load(tmp_path / f"w.{ending}").shapes]
+    assert names.count("key light") == 1
+    assert names[-1] == "key light"  # after the spheres
+
+
+@pytest.mark.parametrize("ending", ["glb", "ply"])
 def test_copies_of_their_own_colours(tmp_path: Path, ending: str) -> None:
     places = np.tile(np.eye(4), (3, 1, 1))
     places[:, 0, 3] = (0, 3, 6)

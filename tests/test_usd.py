@@ -604,6 +604,8 @@ def "B" (prepend references = @./parts/a.usda@
     assert shapes["/A/S"].radii == 3
     assert shapes["/B/S"].radii == 1
     np.testing.assert_allclose(shapes["/A/S"].centers, [[5, 0, 0]])
+    shapes = named(read(tmp_path, body, frame=2.5))
+    np.testing.assert_allclose(shapes["/A/S"].centers, [[2.5, 0, 0]])
     shapes = named(read(tmp_path, body, variant="size = small"))
     assert (shapes["/A/S"].radii, shapes["/B/S"].radii) == (1, 1)
     with pytest.raises(

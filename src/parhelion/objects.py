@@ -7,8 +7,10 @@ and anything with vertices and faces. A new kind is one function and one line in
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from os import PathLike
 from typing import Any
 
@@ -16,12 +18,23 @@ import numpy as np
 
 from . import particles
 from .errors import SceneError
-from .io import LoadOptions, load
+from .io import LoadOptions, check_options, load
 from .io.mesh_file import colored, legend_of, shaded
 from .io.meshes import MeshData, check_indices
 from .particles import Labels, Particles, element_labels
 from .particles.boxes import Box
-from .scene import Curves, Cylinders, Disks, Instances, Mesh, Scene, Shape, Spheres
+from .scene import (
+    Curves,
+    Cylinders,
+    Disks,
+    Instances,
+    Material,
+    Mesh,
+    Scene,
+    Shape,
+    Spheres,
+    Texture,
+)
 from .studio import axis, dressed, framing
 
 _SHAPES = (Spheres, Mesh, Disks, Cylinders, Curves, Instances)
@@ -46,8 +59,9 @@ def scene_of(thing: Any, **options: Any) -> Scene:
         return load(thing, chosen)
     if isinstance(thing, Scene) and not options:
         return thing
-    for known, make in KINDS:
+    for known, make, taken in KINDS:
         if known(thing):
+            check_options(chosen, taken, f"objects of type {_named(thing)}")
             scene, bare = make(thing, chosen)
             break
     else:
@@ -84,9 +98,11 @@ def _cloud(found: Particles, options: LoadOptions, name: str) -> _Made:
     return scene, True
 
 
-def _surface(data: MeshData, options: LoadOptions, thing: Any) -> _Made:
+def _surface(
+    data: MeshData, options: LoadOptions, thing: Any, material: Material | None = None
+) -> _Made:
     check_indices(_named(thing), data.faces, len(data.vertices))
-    mesh = shaded(colored(data, options), _named(thing))
+    mesh = shaded(colored(data, options), _named(thing), material)
     camera = framing(axis(options.up or _MESH_UP))
     legend = legend_of(data, options)
     scene = Scene([mesh], camera=camera, background=None, name=_named(thing), legend=legend)
@@ -254,26 +270,69 @@ def _mesh(thing: Any, options: LoadOptions) -> _Made:
     if kind in ("vertex", "face"):  # trimesh's
         colors = np.asarray(getattr(visual, f"{kind}_colors"))[:, :3]
         attributes[f"{kind}_color"] = particles.linear(colors.astype(np.uint8))
-    return _surface(
-        MeshData(vertices, faces.astype(np.int64), attributes=attributes), options, thing
-    )
+    data = MeshData(vertices, faces.astype(np.int64), attributes=attributes)
+    if visual is None or kind != "texture" or options.color_by is not None:
+        return _surface(data, options, thing)
+    uvs = None if visual.uv is None else _floats(visual.uv)
+    if uvs is not None and uvs.shape != (len(vertices), 2):
+        raise SceneError(f"uvs have shape {uvs.shape}, not ({len(vertices)}, 2)")
+    return _surface(replace(data, uvs=uvs), options, thing, _material(visual.material, uvs))
 
 
-# What an object is told by, and what makes a scene of it; the first that fits counts.
-KINDS: tuple[tuple[Callable[[Any], bool], Callable[[Any, LoadOptions], _Made]], ...] = (
-    (lambda x: isinstance(x, Scene), _own_scene),
-    (lambda x: isinstance(x, _SHAPES), _own_shapes),
+def _material(given: Any, uvs: Any) -> Material:
+    """Trimesh's PBRMaterial or SimpleMaterial: its colours and numbers, and the picture of its
+    colour; other pictures are told.
+    """
+    params: dict[str, Any] = {}
+    pictures = [given.baseColorTexture] if hasattr(given, "baseColorTexture") else [given.image]
+    factor = getattr(given, "main_color", None)  # 8-bit sRGB, as trimesh has them
+    if factor is not None:
+        params["color"] = _triple(particles.linear(np.asarray(factor, np.uint8)[:3]))
+    if pictures[0] is not None and uvs is not None:
+        image = np.asarray(pictures[0].convert("RGB"))
+        params["color"] = Texture("image", image=image, color_space="srgb")
+    for name, theirs in (("metallic", "metallicFactor"), ("roughness", "roughnessFactor")):
+        value = getattr(given, theirs, None)
+        if value is not None:
+            params[name] = min(max(float(value), 0.0), 1.0)
+    for name in ("metallicRoughnessTexture", "normalTexture", "emissiveTexture"):
+        if getattr(given, name, None) is not None:
+            logging.getLogger("parhelion").warning(
+                "trimesh's %s is not supported here; load the file itself", name
+            )
+    return Material("principled", **params)
+
+
+def _triple(values: Any) -> tuple[float, float, float]:
+    red, green, blue = (float(v) for v in values)
+    return red, green, blue
+
+
+_POINTS = (*(name for name in particles.OPTIONS if name != "frame"), "up")
+_FACES = ("color_by", "colormap", "color_range", "up")
+# What an object is told by, what makes a scene of it, and the options that this reads; the first
+# that fits counts.
+KINDS: tuple[
+    tuple[Callable[[Any], bool], Callable[[Any, LoadOptions], _Made], Sequence[str]], ...
+] = (
+    (lambda x: isinstance(x, Scene), _own_scene, ()),
+    (lambda x: isinstance(x, _SHAPES), _own_shapes, ("up",)),
     (
         lambda x: isinstance(x, (list, tuple)) and len(x) > 0 and isinstance(x[0], _SHAPES),
         _own_shapes,
+        ("up",),
     ),
-    (_has("get_positions", "get_chemical_symbols"), _ase),
-    (lambda x: hasattr(getattr(x, "atoms", None), "positions"), _mdanalysis),
-    (_has("points", "point_data", "n_points"), _pyvista),
-    (_has("points", "cells", "cell_data"), _meshio),
-    (_has("geometry", "dump"), _trimesh_scene),
-    (_has("vertices", "faces"), _mesh),
-    (lambda x: isinstance(x, (np.ndarray, list, tuple)) or hasattr(x, "__array__"), _array),
+    (_has("get_positions", "get_chemical_symbols"), _ase, _POINTS),
+    (lambda x: hasattr(getattr(x, "atoms", None), "positions"), _mdanalysis, _POINTS),
+    (_has("points", "point_data", "n_points"), _pyvista, (*_POINTS, *_FACES)),
+    (_has("points", "cells", "cell_data"), _meshio, _FACES),
+    (_has("geometry", "dump"), _trimesh_scene, _FACES),
+    (_has("vertices", "faces"), _mesh, _FACES),
+    (
+        lambda x: isinstance(x, (np.ndarray, list, tuple)) or hasattr(x, "__array__"),
+        _array,
+        _POINTS,
+    ),
 )
 
 

@@ -21,6 +21,7 @@ from .errors import FormatError, ResourceError, SceneError, unknown_name
 from .flatten import Flat, flatten
 from .io.files import Reports
 from .scene import Scene
+from .studio import without_light
 
 # suffix -> module of io
 WRITERS: dict[str, str] = {
@@ -45,6 +46,8 @@ def save(scene: Scene, path: str | os.PathLike[str], *, strict: bool = False) ->
         raise SceneError(f"a path is needed, not {type(path).__name__}") from None
     ending = check_writable(file)
     try:
+        if is_bare(ending):  # when it is read again it gets a light again
+            scene = without_light(scene)
         # arrays fit together, names are known, pictures can be read
         _check_finite(flatten(scene))
         _module(ending).save(scene, file, Reports(file, strict))

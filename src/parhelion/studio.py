@@ -227,20 +227,37 @@ def turned_light(scene: Scene, rotation: Array, pivot: Array) -> Scene:
 
     rotation: (3, 3). The scene itself if there is nothing to turn.
     """
-    sky = scene.background
-    if sky is None or np.array_equal(rotation, np.eye(3)):
-        return scene
-    up = sky.params.get("up")
-    if sky.type != "gradient" or up is None or sky != Background("gradient", **_SKY, up=up):
+    up = _studio_up(scene)
+    if up is None or np.array_equal(rotation, np.eye(3)):
         return scene
     turned = Background("gradient", **_SKY, up=_tuple(rotation @ np.array(up)))
     shapes = []
     for shape in scene.shapes:
-        if isinstance(shape, Spheres) and shape.name == _KEY_NAME and shape.material == _KEY:
+        if _is_key(shape):
+            assert isinstance(shape, Spheres)
             place = pivot + (np.asarray(shape.centers) - pivot) @ rotation.T
             shape = replace(shape, centers=place)
         shapes.append(shape)
     return scene.replace(background=turned, shapes=shapes)
+
+
+def without_light(scene: Scene) -> Scene:
+    """The scene without the light that dressed() gave it; the scene itself if there is none."""
+    if _studio_up(scene) is None:
+        return scene
+    kept = [shape for shape in scene.shapes if not _is_key(shape)]
+    return scene.replace(background=None, shapes=kept)
+
+
+def _studio_up(scene: Scene) -> Vec3 | None:
+    """Where the sky that dressed() gave the scene is dim; None if it has another one."""
+    sky = scene.background
+    up = None if sky is None else sky.params.get("up")
+    return up if up is not None and sky == Background("gradient", **_SKY, up=up) else None
+
+
+def _is_key(shape: Shape) -> bool:
+    return isinstance(shape, Spheres) and shape.name == _KEY_NAME and shape.material == _KEY
 
 
 def _ground(scene: Scene, up: Vec3) -> list[Disks]:

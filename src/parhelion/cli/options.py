@@ -104,7 +104,7 @@ def add_loading(parser: argparse.ArgumentParser, required: bool = False) -> None
     )
     group.add_argument(
         "--frame",
-        type=int,
+        type=float,
         default=0,
         metavar="K",
         help="of a trajectory, from 0; negative counts from the end; of USD, the time code",

@@ -7,6 +7,7 @@ A format module has these names:
     OPTIONS     the fields of LoadOptions that it reads, besides EVERY_FORMAT's
     BARE        True if its files often lack a camera and lights, which are then added
     PACKED      False if it does not read files that are packed, as NAME.gz (none: it does)
+    TIME_CODES  True if `frame` need not be a whole number (none: False)
     GLOW        radiance up to which emission in its files is for show, and no light (none: 0)
     load(path: pathlib.Path, options: LoadOptions) -> Scene
     trajectory(path: pathlib.Path, options: LoadOptions) -> context manager of a text.Trajectory,
@@ -23,11 +24,14 @@ Other packages add such modules by an entry point of the group "parhelion.format
 
 from __future__ import annotations
 
+import logging
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, field, fields
 from importlib import import_module
+from math import isfinite
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +104,7 @@ class LoadOptions:
     color_range: tuple[float, float] | None = None
     radius: float | str | None = None
     ground: bool = False
-    frame: int = 0
+    frame: float = 0
     style: str = "spheres"
     bond_length: float | None = None
     box: bool = False
@@ -121,6 +125,19 @@ class LoadOptions:
             raise SceneError("allow_paths is one path; must be a sequence of paths")
         if not isinstance(self.defines, Mapping):
             raise SceneError(f"defines is {self.defines!r}; must be a dict")
+        for name in ("frame", "time"):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, Real) and isfinite(value)):
+                raise SceneError(f"{name} is {value!r}; must be a number")
+        if self.environment is not None and not isinstance(self.environment, (str, os.PathLike)):
+            raise SceneError(f"environment is {self.environment!r}; must be a path")
+        ends = self.color_range
+        if ends is not None and not (
+            isinstance(ends, (tuple, list))
+            and len(ends) == 2
+            and all(isinstance(end, Real) for end in ends)
+        ):
+            raise SceneError(f"color_range is {ends!r}; must be two numbers")
 
 
 def load(
@@ -176,14 +193,23 @@ def resolved(
     if packed and not getattr(module, "PACKED", True):
         raise FormatError(f"{file}: {module.NAME} files are not read packed; unpack it first")
     options = options or LoadOptions()
-    for option in fields(LoadOptions):
-        known = (*module.OPTIONS, *EVERY_FORMAT)
-        if option.name not in known and getattr(options, option.name) != _default(option):
-            raise FormatError(
-                f"{file}: the option {option.name!r} is not for {module.NAME} files (choices:"
-                f" {', '.join(known)})"
-            )
+    try:
+        check_options(options, module.OPTIONS, f"{module.NAME} files")
+        if options.frame != int(options.frame) and not getattr(module, "TIME_CODES", False):
+            raise SceneError(f"frame is {options.frame}; {module.NAME} files have whole ones")
+    except SceneError as error:
+        raise FormatError(f"{file}: {error}") from None
     return file, module, options
+
+
+def check_options(options: LoadOptions, known: Sequence[str], what: str) -> None:
+    """Raises SceneError for an option that was given and is neither known nor EVERY_FORMAT's."""
+    known = (*known, *EVERY_FORMAT)
+    for option in fields(LoadOptions):
+        if option.name not in known and getattr(options, option.name) != _default(option):
+            raise SceneError(
+                f"the option {option.name!r} is not for {what} (choices: {', '.join(known)})"
+            )
 
 
 def read(module: Any, file: Path, options: LoadOptions) -> Scene:
@@ -191,6 +217,8 @@ def read(module: Any, file: Path, options: LoadOptions) -> Scene:
     with reading(file):
         scene = module.load(file, options)
     assert isinstance(scene, Scene)
+    if not scene.shapes and scene.background is None:
+        logging.getLogger("parhelion").warning("%s: holds nothing that can be seen", file)
     return scene
 
 

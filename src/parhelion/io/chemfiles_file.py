@@ -54,7 +54,7 @@ _BOX = re.compile(rb"^CRYST1(.{9})(.{9})(.{9})(.*)\n", re.MULTILINE)
 
 def load(path: Path, options: LoadOptions) -> Scene:
     """One frame of the file as a scene. Raises FormatError, SceneError."""
-    return to_scene(read(path, options.frame, options.assembly), options, path.name)
+    return to_scene(read(path, int(options.frame), options.assembly), options, path.name)
 
 
 def read(path: Path, frame: int = 0, assembly: int | None = None) -> Particles:

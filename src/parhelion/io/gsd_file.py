@@ -49,7 +49,7 @@ _SHAPES = ("Sphere", "Ellipsoid", "ConvexPolyhedron", "Polygon", "Mesh", "Sphere
 
 def load(path: Path, options: LoadOptions) -> Scene:
     """One frame of the file as a scene. Raises FormatError, SceneError."""
-    return to_scene(read(path, options.frame), options, path.name)
+    return to_scene(read(path, int(options.frame)), options, path.name)
 
 
 def read(path: Path, frame: int = 0) -> Particles:

@@ -65,7 +65,7 @@ _READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0
 
 def load(path: Path, options: LoadOptions) -> Scene:
     """The archive as a scene. Raises FormatError, SceneError."""
-    frame_index(path, options.frame, 1)  # it has one frame
+    frame_index(path, int(options.frame), 1)  # it has one frame
     return to_scene(read(path), options, path.name)
 
 

@@ -17,6 +17,7 @@ NAME = "USD"
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 PACKED = False
 OPTIONS = ("frame", "variant")
+TIME_CODES = True
 BARE = True
 
 
