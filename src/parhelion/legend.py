@@ -33,7 +33,7 @@ _DPI = 72
 
 def panel(legend: ColorBar | Swatches, height: int) -> Pixels:
     """The legend on white, (height, any even width, 3) 8-bit sRGB."""
-    line = max(_SMALLEST, _LINE * height)
+    line = _line(height)
     return (
         _bar(legend, height, line) if isinstance(legend, ColorBar) else _list(legend, height, line)
     )

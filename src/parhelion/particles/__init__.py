@@ -7,11 +7,13 @@ Every particle format ends here, so that a file and a NumPy array give the same 
     colors      of kinds and fields, and what they stand for
     bonds, boxes, glyphs   what is drawn besides spheres
     elements    radii and colours of the elements
+    limits      what numbers must lie within
 """
 
 from .boxes import Box
 from .colors import color_range, linear, map_colors, mapped, swatches
-from .data import FARTHEST, Copies, Labels, Particles, element_labels
+from .data import Copies, Labels, Particles, element_labels
+from .limits import FARTHEST
 from .scenes import OPTIONS, STYLES, neighbour_distance, to_scene
 
 __all__ = [

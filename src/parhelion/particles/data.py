@@ -16,12 +16,7 @@ from ..errors import SceneError
 from . import elements
 from .boxes import Box
 from .glyphs import Glyphs
-
-Floats = NDArray[np.floating[Any]]
-
-# Coordinates and radii stay below this, so that the light, some hundred times farther away than
-# the particles, stays within single precision.
-FARTHEST = 1e30
+from .limits import FARTHEST, Floats, refuse
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,10 +141,7 @@ class Particles:
 def _check(values: Floats, good: Callable[[Floats], NDArray[np.bool_]], text: str) -> None:
     """Raises SceneError for the first particle whose values are not all good."""
     fine = good(values)
-    if not fine.all():
-        first = int(np.flatnonzero(~(fine if fine.ndim == 1 else fine.all(axis=1)))[0])
-        shown = " ".join(f"{v:g}" for v in np.atleast_1d(values[first]).tolist())
-        raise SceneError(f"particle {first}: {text.format(f'({shown})')}")
+    refuse(np.asarray(fine.reshape(len(fine), -1).all(axis=1)), values, text)
 
 
 def check_radii(radii: Floats) -> None:

@@ -15,15 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import SceneError, unknown_name
 from ..scene import Cylinders, Disks, Instances, Material, Mesh, Solid, Spheres
+from .limits import FARTHEST, SMALLEST, Floats, refuse
 
-Floats = NDArray[np.floating[Any]]
 Body = Sequence[Solid]
 
 # Bodies by name; those after the first, of half the extents that each particle has along its axes.
 NAMES = ("sphere", "ellipsoid", "box", "cylinder", "spherocylinder", "polyhedron")
 
-# Sizes of bodies are between these, as radii of spheres are.
-_LEAST, _MOST = 1e-37, 1e30
 # Vertices that a convex hull is looked for; these take seconds.
 _MOST_VERTICES = 4096
 _MOST_CORNERS = 1_000  # of a polygon that is not convex
@@ -58,24 +56,17 @@ class Glyphs:
             if values is not None and values.shape != (len(self.codes), width):
                 raise SceneError(f"{what} have shape {values.shape}, not (N, {width})")
         if self.sizes is not None:
-            good = ((self.sizes > _LEAST) & (self.sizes <= _MOST)).all(axis=1) | ~drawn
-            _refuse(good, self.sizes, "size {} is not three positive numbers of single precision")
+            good = ((self.sizes > SMALLEST) & (self.sizes <= FARTHEST)).all(axis=1) | ~drawn
+            refuse(good, self.sizes, "size {} is not three positive numbers of single precision")
         if self.orientations is not None:
             largest = np.abs(self.orientations).max(axis=1)
             good = ((largest > 0) & np.isfinite(largest)) | ~drawn  # NaN is not finite either
-            _refuse(good, self.orientations, "orientation {} is not a quaternion of a rotation")
+            refuse(good, self.orientations, "orientation {} is not a quaternion of a rotation")
 
     def spheres(self) -> NDArray[np.bool_]:
         """(N,) whether a particle is a sphere."""
         plain = np.array([body is None for body in self.bodies], bool)
         return np.asarray(plain[self.codes])
-
-
-def _refuse(good: NDArray[np.bool_], values: Floats, text: str) -> None:
-    if not good.all():
-        first = int(np.argmin(good))
-        shown = " ".join(f"{v:g}" for v in values[first].tolist())
-        raise SceneError(f"particle {first}: {text.format(f'({shown})')}")
 
 
 def named(
@@ -226,7 +217,7 @@ def capsule(half_length: float) -> Body:
 def union(centers: ArrayLike, radii: ArrayLike) -> Body:
     """Spheres, (M, 3) and (M,), that may overlap. Raises SceneError."""
     places, sizes = _points(centers), np.asarray(radii, np.float64)
-    if sizes.shape != (len(places),) or not ((sizes > _LEAST) & (sizes <= _MOST)).all():
+    if sizes.shape != (len(places),) or not ((sizes > SMALLEST) & (sizes <= FARTHEST)).all():
         raise SceneError(f"{len(places)} spheres need as many radii, which are positive")
     return (Spheres(places, sizes, _MATERIAL),)
 
@@ -318,13 +309,13 @@ def _points(values: ArrayLike) -> NDArray[np.float64]:
         raise SceneError("vertices are not (M, 3) numbers") from None
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
         raise SceneError(f"vertices have shape {points.shape}, not (M, 3)")
-    if not (np.abs(points) <= _MOST).all():
+    if not (np.abs(points) <= FARTHEST).all():
         raise SceneError("a vertex is not finite, or beyond 1e30")
     return points
 
 
 def _rounding(radius: float) -> float:
-    if not (isinstance(radius, (int, float)) and 0 <= radius <= _MOST):
+    if not (isinstance(radius, (int, float)) and 0 <= radius <= FARTHEST):
         raise SceneError(f"rounding radius {radius!r} is not a number from 0")
     return float(radius)
 

@@ -18,8 +18,9 @@ from . import elements
 from .bonds import NEAREST, TOLERANCE, Indices, by_distance, sticks
 from .boxes import outline
 from .colors import colors_of
-from .data import FARTHEST, Floats, Particles, atomic_numbers
+from .data import Particles, atomic_numbers
 from .glyphs import drawn
+from .limits import FARTHEST, SMALLEST, Floats
 
 if TYPE_CHECKING:
     from ..io import LoadOptions
@@ -151,7 +152,7 @@ def _radii(particles: Particles, wanted: float | str | None, style: str) -> tupl
 
 def _positive(what: str, value: float) -> float:
     """A length that the user gave. Raises SceneError."""
-    if not (isinstance(value, (int, float)) and 1e-37 < value <= FARTHEST):
+    if not (isinstance(value, (int, float)) and SMALLEST < value <= FARTHEST):
         raise SceneError(f"{what} {value!r} is not a positive number of single precision")
     return value
 
