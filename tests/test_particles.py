@@ -926,3 +926,11 @@ def test_a_hundred_thousand_atoms_are_read_in_no_time(tmp_path: Path) -> None:
 def test_a_colour_map_needs_a_field(option: dict[str, Any]) -> None:
     with pytest.raises(ph.SceneError, match="needs a field to colour by"):
         to_scene(cloud(), LoadOptions(**option), "test")
+
+
+@pytest.mark.parametrize("point", [0xD800, 0x110000, 0xFFFFFFFF])
+def test_text_in_an_archive_that_is_no_unicode(tmp_path: Path, point: int) -> None:
+    names = np.array([point, 65], np.uint32).view("U1")
+    np.savez(tmp_path / "a.npz", positions=np.eye(3)[:2], types=names)
+    with pytest.raises(ph.FormatError, match=r"a.npz: types: holds text that is no Unicode"):
+        ph.load(tmp_path / "a.npz")

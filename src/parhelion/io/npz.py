@@ -125,8 +125,19 @@ def _arrays(archive: zipfile.ZipFile, size: int) -> dict[str, NDArray[Any]]:
     arrays = {}
     for name, member in wanted.items():
         with archive.open(member) as stream:
-            arrays[name] = npy.read_array(stream, allow_pickle=False)
+            array = npy.read_array(stream, allow_pickle=False)
+        if array.dtype.kind == "U":
+            _check_unicode(array, name)
+        arrays[name] = array
     return arrays
+
+
+def _check_unicode(array: NDArray[Any], name: str) -> None:
+    """Raises SceneError for code points that there are none of, of which Python makes no text."""
+    order = np.dtype(np.uint32).newbyteorder(array.dtype.byteorder)
+    points = np.frombuffer(array.tobytes(), order)
+    if ((points > 0x10FFFF) | ((points >= 0xD800) & (points < 0xE000))).any():
+        raise SceneError(f"{name}: holds text that is no Unicode")
 
 
 def _header(
