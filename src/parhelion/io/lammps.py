@@ -21,7 +21,7 @@ from ..particles.boxes import Box
 from ..particles.glyphs import ellipsoids
 from ..scene import Scene
 from . import LoadOptions
-from .text import Table, TextFile, Trajectory, errors_name, is_number, text_trajectory
+from .text import Table, TextFile, Trajectory, is_number, text_frame, text_trajectory
 
 NAME = "LAMMPS dump"
 SUFFIXES = (".dump", ".lammpstrj")
@@ -53,9 +53,7 @@ def read(path: Path, frame: int = 0) -> Particles:
 
     Raises FormatError for a file that is broken or has no such frame.
     """
-    with errors_name(path), TextFile(path) as file:
-        file.seek_frame(frame, lambda: _skip(file))
-        return _frame(file)
+    return text_frame(path, frame, _skip, _frame)
 
 
 def trajectory(path: Path, _: LoadOptions) -> AbstractContextManager[Trajectory]:

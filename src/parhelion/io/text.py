@@ -392,6 +392,18 @@ class TextFile:
         self._unpacked, self._text, self._at, self.line = at, b"", 0, line
 
 
+def text_frame(
+    path: Path,
+    frame: int,
+    skip: Callable[[TextFile], bool],
+    make: Callable[[TextFile], Particles],
+) -> Particles:
+    """One frame of a file, counted from 0, or from the end if negative. Raises FormatError."""
+    with errors_name(path), TextFile(path) as file:
+        file.seek_frame(frame, lambda: skip(file))
+        return make(file)
+
+
 @contextmanager
 def text_trajectory(
     path: Path, skip: Callable[[TextFile], bool], read: Callable[[TextFile], Particles]

@@ -581,16 +581,20 @@ class Materials:
         if image is not None:
             made[f"{name}Texture"] = self._info(draft, image, self._packed({channel: image}))
 
-    def _colored(self, draft: _Draft, made: Object, name: str, value: Any, usual: Triple) -> None:
-        """A colour of an extension."""
+    def _textured(self, draft: _Draft, made: Object, name: str, value: Any) -> Any:
+        """The factor of a colour, whose texture goes where it belongs."""
         parts = self._split(value)
         if parts.attribute is not None:
             self._reports.add("attributes of anything but colours: not in glTF; left out")
-        factor = parts.factor
-        if parts.image is not None:
-            image, scale = self._color_image(parts.image)
-            factor = factor * scale
-            made[f"{name}Texture"] = self._info(draft, parts.image, image)
+        if parts.image is None:
+            return parts.factor
+        image, scale = self._color_image(parts.image)
+        made[f"{name}Texture"] = self._info(draft, parts.image, image)
+        return parts.factor * scale
+
+    def _colored(self, draft: _Draft, made: Object, name: str, value: Any, usual: Triple) -> None:
+        """A colour of an extension."""
+        factor = self._textured(draft, made, name, value)
         if _triple(factor) != usual:
             made[f"{name}Factor"] = np.clip(factor, 0.0, 1.0).tolist()
 
@@ -643,14 +647,7 @@ class Materials:
     def _emission(self, draft: _Draft, emission: Any) -> None:
         if not _some(emission):
             return
-        parts = self._split(emission)
-        if parts.attribute is not None:
-            self._reports.add("attributes of anything but colours: not in glTF; left out")
-        factor = parts.factor
-        if parts.image is not None:
-            image, scale = self._color_image(parts.image)
-            factor = factor * scale
-            draft.made["emissiveTexture"] = self._info(draft, parts.image, image)
+        factor = self._textured(draft, draft.made, "emissive", emission)
         strength = float(factor.max())
         if strength > 1.0:
             factor = factor / strength
