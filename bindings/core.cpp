@@ -20,6 +20,8 @@
 #include "../host/render.h"
 #include "../host/scene.h"
 #include "../host/view.h"
+#include "arrays.h"
+#include "loading.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -34,17 +36,6 @@ using Floats = nb::ndarray<const float, nb::ndim<1>, nb::c_contig, nb::device::c
 using Indices = nb::ndarray<const u32, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Triple = std::array<float, 3>;
 using DTriple = std::array<double, 3>;
-
-// A new NumPy array that owns its data.
-template <class T>
-nb::object make_array(std::vector<size_t> shape, T*& data) {
-  size_t size = 1;
-  for (size_t n : shape) size *= n;
-  auto owned = std::make_unique<T[]>(size == 0 ? 1 : size);
-  data = owned.get();
-  nb::capsule owner(owned.release(), [](void* p) noexcept { delete[] static_cast<T*>(p); });
-  return nb::cast(nb::ndarray<nb::numpy, T>(data, shape.size(), shape.data(), owner));
-}
 
 const Vec3* vectors(const FloatRows& a) { return reinterpret_cast<const Vec3*>(a.data()); }
 
@@ -781,6 +772,8 @@ NB_MODULE(_core, m) {
   if (nb::hasattr(os, "register_at_fork")) {
     os.attr("register_at_fork")("before"_a = nb::cpp_function(&release_threads));
   }
+
+  bind_loading(m);
 
   m.def("warp", &warp, "name"_a, "parameter"_a, "u"_a);
   m.def("warp_pdf", &warp_pdf, "name"_a, "parameter"_a, "w"_a);

@@ -20,7 +20,7 @@ from ..scene import ColorBar, Material, Mesh, Scene, Texture
 from ..studio import axis, framing
 from . import COMPRESSED, LoadOptions
 from .files import Reports
-from .meshes import MeshData, smooth_normals, split_at_creases
+from .meshes import MeshData, split_at_creases
 
 NAME = "mesh"
 SUFFIXES = (".ply", ".stl", ".off")
@@ -128,13 +128,12 @@ def shaded(data: MeshData, name: str, material: Any = None) -> Mesh:
 
 
 def _with_normals(data: MeshData) -> MeshData:
-    faces, old = split_at_creases(data.vertices, data.faces, _CREASE)
-    vertices = np.asarray(data.vertices)[old]
+    faces, old, normals = split_at_creases(data.vertices, data.faces, _CREASE)
     return replace(
         data,
-        vertices=vertices,
+        vertices=np.asarray(data.vertices)[old],
         faces=faces,
-        normals=smooth_normals(vertices, faces),
+        normals=normals,
         uvs=None if data.uvs is None else data.uvs[old],
         attributes={
             key: values[old] if key.startswith("vertex_") else values

@@ -63,8 +63,8 @@ def surface(values: Floats) -> MeshData:
     places, normals = (
         table[a] * (1.0 - share) + table[b] * share for table in _corner_tables(values)
     )
-    faces = turned(places, faces.reshape(-1, 3), normals)
-    return MeshData(places, faces, normals, np.zeros((len(places), 2)))
+    triangles = turned(places, faces.reshape(-1, 3), normals)
+    return MeshData(places, triangles, normals, np.zeros((len(places), 2)))
 
 
 def _tetrahedra(shape: tuple[int, ...]) -> Integers:

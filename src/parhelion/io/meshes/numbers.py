@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from numpy.typing import NDArray
+
+from ... import _core
 
 
 def parse(text: bytes) -> NDArray[np.float64]:
     """The numbers of a text, separated by white space. Raises ValueError for anything else."""
-    with warnings.catch_warnings():
-        # NumPy stops at the first thing that is no number, and says so by this warning
-        warnings.simplefilter("error", DeprecationWarning)
-        try:
-            return np.fromstring(text, dtype=np.float64, sep=" ")
-        except (DeprecationWarning, ValueError):  # since version 2.3 the latter
-            raise ValueError("something that is no number") from None
+    return _core.numbers(text)
 
 
 def words_per_line(text: NDArray[np.uint8]) -> NDArray[np.int64]:

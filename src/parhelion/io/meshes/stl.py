@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ... import _core
 from ...errors import FormatError
 from ..files import contents
-from . import MeshData, distinct
+from . import MeshData
 from .numbers import parse
 
 _HEADER = 84  # bytes: 80 of text, and the number of faces
@@ -31,10 +32,7 @@ def read(path: Path) -> MeshData:
     if bad.any():
         raise FormatError(f"{path}: face {int(np.argmax(bad))} has a corner that is not finite")
     corners = corners.reshape(-1, 3) + np.float32(0.0)  # no -0
-    which = np.zeros(len(corners), np.int64)
-    for column in np.ascontiguousarray(corners.T).view(np.uint32):
-        rank = distinct(column.astype(np.int64))[0]
-        which, first = distinct(which * (int(rank.max()) + 1) + rank)
+    which, first = _core.distinct_rows(corners.view(np.uint32))
     return MeshData(corners[first], which.reshape(-1, 3), face_normals=True)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...scene import Curves, Cylinders, Disks, Instances, Material, Mesh, Shape, Spheres
-from ..meshes import MeshData, levelset, obj, ply, serialized, smooth_normals, turned
+from ..meshes import Floats, MeshData, levelset, obj, ply, serialized, smooth_normals, turned
 from ..meshes.numbers import parse
 from . import bsdfs, emitters
 from .document import Object
@@ -162,7 +162,8 @@ def _mesh(r: Reader, o: Object, data: MeshData, name: str, *, flip_v: bool, flat
     if not np.isfinite(vertices).all():
         bad = int(np.argmax(~np.isfinite(vertices).all(axis=1)))
         raise o.error(f"vertex {bad} of {name!r} is not finite")
-    faces, normals, uvs = data.faces, None, data.uvs
+    faces, uvs = data.faces, data.uvs
+    normals: Floats | None = None
     if not flat:
         if data.normals is None:
             normals = smooth_normals(vertices, faces)

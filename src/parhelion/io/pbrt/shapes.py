@@ -25,7 +25,7 @@ from ...scene import (
     Spheres,
     Texture,
 )
-from ..meshes import Integers, check_indices, ply, smooth_normals, turned
+from ..meshes import Indices, Integers, check_indices, ply, smooth_normals, turned
 from . import lights, materials, transforms
 from .colors import Color, scaled
 from .items import Array, Item
@@ -372,7 +372,7 @@ class _Job:
     def put(
         self,
         vertices: Array,
-        faces: Integers,
+        faces: Indices,
         normals: Array | None = None,
         uvs: Array | None = None,
         name: str = "",
@@ -420,7 +420,7 @@ class _Job:
         self.shapes.mesh(self.into, mesh, surface)
 
 
-def _area(vertices: Array, faces: Integers) -> float:
+def _area(vertices: Array, faces: Indices) -> float:
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 

@@ -1,0 +1,34 @@
+// The text of Wavefront OBJ files.
+#pragma once
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "../core/types.h"
+
+namespace parhelion {
+
+struct ObjStatement {
+  u32 polygon;  // how many came before
+  std::string word, rest;
+};
+
+struct ObjText {
+  std::vector<double> positions, uvs, normals;  // three, two and three numbers each
+  std::vector<double> colors;                   // three a position, or none at all
+  std::vector<u32> sizes;                       // corners of each polygon
+  std::vector<int> corners;  // position, uv and normal of each corner, from 0; -1 is none
+  std::vector<ObjStatement> statements;  // usemtl and mtllib
+};
+
+// What is wrong with a line; lines count from 1.
+struct ObjError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+// Reads v, vt, vn and f lines; those of other words, but for the statements above, are passed over.
+// Every index is in range. Throws ObjError.
+ObjText parse_obj(std::string_view text);
+
+}  // namespace parhelion
