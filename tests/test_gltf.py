@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 import parhelion as ph
 from parhelion.errors import FormatError, SceneError
-from parhelion.image import encoded
+from parhelion.image import encoded, is_encoded, read_pixels
 from parhelion.io import LoadOptions, load
 from parhelion.io.gltf import meshopt, schema
 
@@ -625,7 +625,8 @@ def test_unlit_surfaces_are_as_bright_as_their_colour(read: Any) -> None:
 
 
 def texels(texture: Any) -> NDArray[Any]:
-    return np.asarray(texture.params["image"])
+    image = texture.params["image"]
+    return read_pixels(image) if is_encoded(image) else np.asarray(image)
 
 
 def test_factors_are_multiplied_into_textures(read: Any) -> None:
@@ -657,7 +658,7 @@ def test_factors_are_multiplied_into_textures(read: Any) -> None:
         assert texture.params["color1"] == factor
     assert roughness.params["color0"].params["channel"] == "g"
     assert found["metallic"].params["channel"] == "b"
-    assert texels(found["metallic"]) is texels(color.params["color0"])
+    assert found["metallic"].params["image"] is color.params["color0"].params["image"]
     ph.prepare(scene)
 
 
@@ -695,6 +696,20 @@ def test_alpha_modes(read: Any, mode: str, expected: Any) -> None:
     pbr["baseColorFactor"] = [1, 1, 1, 0.25]  # type: ignore[assignment]
     wanted = {"OPAQUE": None, "BLEND": 0.25, "MASK": 0.0}[mode]
     assert only_material(read(f)).params.get("opacity") == wanted
+
+
+def test_a_picture_that_is_cut_short_is_named_when_it_is_decoded(read: Any) -> None:
+    f = File()
+    f.material(
+        pbrMetallicRoughness={"baseColorTexture": f.picture(np.zeros((64, 64, 3), np.uint8))}
+    )
+    scene = read(f)
+    texture = only_material(scene).params["color"]
+    whole = texture.params["image"]
+    cut = type(whole)(whole[:-30], whole.name)
+    broken = ph.Material("diffuse", color=ph.Texture("image", image=cut))
+    with pytest.raises(FormatError, match=r"shape 'mesh': .*scene.*: images\[0\]: cannot be read"):
+        ph.prepare(ph.Scene([ph.Mesh(np.eye(3), [[0, 1, 2]], material=broken)]))
 
 
 def quad(f: File, info: dict[str, Any]) -> None:

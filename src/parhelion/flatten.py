@@ -6,7 +6,9 @@ Big arrays pass through uncopied where their type and layout already fit.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 
 from . import tables
 from .errors import SceneError, unknown_name
+from .machine import cores_available
 from .scene import (
     Curves,
     Cylinders,
@@ -138,7 +141,7 @@ def flatten(scene: Scene) -> Flat:
             "groups": parts.groups,
             "materials": parts.materials,
             "textures": parts.textures,
-            "images": parts.images,
+            "images": parts.read_images(),
             "lights": parts.lights,
         },
         [s["name"] for group in parts.groups[:-1] for s in group]
@@ -182,13 +185,13 @@ class _Parts:
     material_names: list[str] = field(default_factory=list)
     places: list[str] = field(default_factory=list)  # of materials, as error texts name them
     textures: list[dict[str, Any]] = field(default_factory=list)
-    images: list[dict[str, Any]] = field(default_factory=list)
     lights: list[dict[str, Any]] = field(default_factory=list)
     named: dict[str, int] = field(default_factory=dict)
     attributes: dict[str, int] = field(default_factory=dict)
     _materials_made: dict[Material, int] = field(default_factory=dict)
     _textures_made: dict[Texture, int] = field(default_factory=dict)
     _images_made: dict[tuple[Any, ...], int] = field(default_factory=dict)
+    _image_jobs: list[Callable[[], dict[str, Any]]] = field(default_factory=list)
     _groups_made: dict[int, int] = field(default_factory=dict)
     _kept: list[Any] = field(default_factory=list)  # so that no id() is given twice
 
@@ -468,22 +471,37 @@ class _Parts:
         if color_space not in ("auto", "srgb", "linear"):
             choices = ("auto", "srgb", "linear")
             raise SceneError(f"{where}: {unknown_name('color_space', color_space, choices)}")
-        name = str(image) if isinstance(image, str) or hasattr(image, "__fspath__") else "image"
-        key = (name if name != "image" else id(image), color_space, data, mip, radiance)
-        if key not in self._images_made:
-            from .image import read_pixels
+        from .image import is_encoded, read_pixels
 
+        path = is_encoded(image) and not isinstance(image, bytes)
+        key = (os.fspath(image) if path else id(image), color_space, data, mip, radiance)
+        if key not in self._images_made:
             self._kept.append(image)
-            pixels = read_pixels(image, where) if name != "image" else np.asarray(image)
-            pixels = _pixels(pixels, f"{where}: image")
-            if radiance and pixels.dtype == np.float32 and np.any(pixels < 0):
-                pixels = np.maximum(pixels, np.float32(0))  # as of filters that overshoot
-            srgb = color_space == "srgb" or (
-                color_space == "auto" and not data and pixels.dtype == np.uint8
-            )
-            self._images_made[key] = len(self.images)
-            self.images.append({"name": name, "pixels": pixels, "srgb": srgb, "mip": mip})
+            name = str(image) if path else getattr(image, "name", "image")
+
+            def record() -> dict[str, Any]:
+                pixels = read_pixels(image, where) if is_encoded(image) else np.asarray(image)
+                pixels = _pixels(pixels, f"{where}: image")
+                if radiance and pixels.dtype == np.float32 and np.any(pixels < 0):
+                    pixels = np.maximum(pixels, np.float32(0))  # as of filters that overshoot
+                srgb = color_space == "srgb" or (
+                    color_space == "auto" and not data and pixels.dtype == np.uint8
+                )
+                return {"name": name, "pixels": pixels, "srgb": srgb, "mip": mip}
+
+            self._images_made[key] = len(self._image_jobs)
+            self._image_jobs.append(record)
         return self._images_made[key]
+
+    def read_images(self) -> list[dict[str, Any]]:
+        """The records of all images, read by as many threads as may run at once.
+
+        Raises what the first of those that cannot be read raises.
+        """
+        if not self._image_jobs:
+            return []
+        with ThreadPoolExecutor(cores_available()) as pool:
+            return list(pool.map(lambda job: job(), self._image_jobs))
 
     # --- Lights ----------------------------------------------------------------------------------
 

@@ -277,17 +277,52 @@ def read_pixels(source: str | os.PathLike[str] | bytes, where: str = "") -> NDAr
     or whose header claims far more than the file can hold; `where`, if any, and the path begin its
     text.
     """
+    with _file_of(source, where) as (path, start):
+        return _read_pixels(path, start)
+
+
+def picture_shape(source: str | os.PathLike[str] | bytes, where: str = "") -> tuple[int, int, int]:
+    """The shape of what read_pixels returns, by the picture's header alone.
+
+    Raises what read_pixels would for a file that is no picture or too large a one.
+    """
+    with _file_of(source, where) as (path, start):
+        opened = _opened(path, start)
+        spec = opened.spec()
+        opened.close()
+        return int(spec.height), int(spec.width), len(_channels(spec))
+
+
+class PictureBytes(bytes):
+    """The bytes of a picture file that lies within another; name: where, for messages."""
+
+    name: str
+
+    def __new__(cls, data: bytes, name: str) -> PictureBytes:
+        made = super().__new__(cls, data)
+        made.name = name
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PictureBytes, (bytes(self), self.name)
+
+
+def is_encoded(image: Any) -> bool:
+    """Whether read_pixels is what makes pixels of it: a path, or a picture file's bytes."""
+    return isinstance(image, (str, os.PathLike, bytes))
+
+
+@contextmanager
+def _file_of(source: str | os.PathLike[str] | bytes, where: str) -> Iterator[tuple[str, str]]:
+    """A path for a picture, and how messages about it begin."""
     if isinstance(source, bytes):
+        name = getattr(source, "name", "")
         with _memory_file(len(source)) as path:
             Path(path).write_bytes(source)
-            return _read_pixels(path, where)
-    name = os.fspath(source)
-    return _read_pixels(name, f"{where}: {name}" if where else name)
-
-
-def check_picture(path: str | os.PathLike[str], where: str) -> None:
-    """Raises what read_pixels would for a file that is no picture or too large a one."""
-    _opened(os.fspath(path), where).close()
+            yield path, ": ".join(x for x in (where, name) if x)
+    else:
+        path = os.fspath(source)
+        yield path, f"{where}: {path}" if where else path
 
 
 def _opened(path: str, where: str) -> Any:
@@ -324,28 +359,19 @@ def _read_pixels(path: str, where: str) -> NDArray[Any]:
             raise FormatError(f"{start}cannot be read: {_reason(source.geterror)}")
     finally:
         source.close()
-    names = [n.upper() for n in spec.channelnames]  # the library reorders channels
+    chosen = _channels(spec)
+    if chosen == list(range(spec.nchannels)):
+        return np.ascontiguousarray(pixels)
+    return np.ascontiguousarray(pixels[:, :, chosen])
+
+
+def _channels(spec: Any) -> list[int]:
+    """Which channels of a file count; the library reorders them."""
+    names = [n.upper() for n in spec.channelnames]
     for wanted in (("R", "G", "B", "A"), ("R", "G", "B"), ("Y", "A"), ("Y",)):
         if all(n in names for n in wanted):
-            chosen = [names.index(n) for n in wanted]
-            if chosen == list(range(len(names))):
-                return np.ascontiguousarray(pixels)
-            return np.ascontiguousarray(pixels[:, :, chosen])
-    count = {1: 1, 2: 1, 3: 3}.get(spec.nchannels, 4)
-    return np.ascontiguousarray(pixels[:, :, :count])
-
-
-def picture_size(path: str | os.PathLike[str], where: str = "") -> tuple[int, int]:
-    """Width and height of a picture file, by its header alone. Raises FormatError as above."""
-    import OpenImageIO as oiio
-
-    source = oiio.ImageInput.open(os.fspath(path))
-    if source is None:
-        start, reason = f"{where}: " if where else "", _reason(oiio.geterror) or "no such file"
-        raise FormatError(f"{start}{path}: cannot be read: {reason}")
-    spec = source.spec()
-    source.close()
-    return int(spec.width), int(spec.height)
+            return [names.index(n) for n in wanted]
+    return list(range({1: 1, 2: 1, 3: 3}.get(spec.nchannels, 4)))
 
 
 def check_output(

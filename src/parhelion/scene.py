@@ -93,7 +93,8 @@ class _Entry:
         raise AttributeError(f"{type(self).__name__} is frozen; make a new one")
 
     def __repr__(self) -> str:
-        shown = "".join(f", {k}={v!r}" for k, v in self.params.items())
+        short = {k: f"<{len(v)} bytes>" for k, v in self.params.items() if isinstance(v, bytes)}
+        shown = "".join(f", {k}={short.get(k) or repr(v)}" for k, v in self.params.items())
         return f"{type(self).__name__}({self.type!r}{shown})"
 
     def _key(self) -> tuple[str, tuple[tuple[str, object], ...]]:
@@ -138,8 +139,8 @@ class Texture(_Entry):
     Texture, as in `Texture("multiply", color0=wood, color1=dirt)`. Besides:
 
     image: the pixels of the types that have some: (H, W), (H, W, 3) or (H, W, 4) numbers, the first
-        row at the top (v = 1), or the path of a picture file. Integers count from 0 to the largest
-        of their type.
+        row at the top (v = 1), or the path of a picture file, or all of its bytes. Integers count
+        from 0 to the largest of their type.
     color_space: of the image: "srgb" is decoded, "linear" taken as it is; "auto", the default, is
         srgb for the colours of 8-bit images and linear for all else, such as numbers and normals.
     transform: (2, 3) or (3, 3) matrix applied to a surface's (u, v, 1) before the lookup.

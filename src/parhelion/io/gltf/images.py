@@ -7,18 +7,19 @@ go through a table of all their values, which costs no more than a copy.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ... import scene
 from ...errors import FormatError
-from ...image import check_picture, read_pixels
+from ...image import PictureBytes, picture_shape, read_pixels
 from ...spectra import decode_srgb
 from . import schema
 from .source import Source
 
+T = TypeVar("T")
 Curve = Callable[[NDArray[Any]], NDArray[Any]]
 Color = tuple[float, float, float]
 
@@ -28,7 +29,8 @@ _NEAREST = 9728
 # In glTF v runs down a picture, here up
 _FLIP = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
 # How the files of images begin that glTF and its extensions may have
-_KINDS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF")
+_JPEG = b"\xff\xd8\xff"
+_KINDS = (b"\x89PNG\r\n\x1a\n", _JPEG, b"RIFF")
 _KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 
 
@@ -37,7 +39,8 @@ class Images:
 
     def __init__(self, source: Source) -> None:
         self._source = source
-        self._stored: dict[int, str | NDArray[Any] | None] = {}
+        self._stored: dict[int, str | PictureBytes | None] = {}
+        self._channels: dict[int, int] = {}
         self._pixels: dict[int, NDArray[Any]] = {}
         self._made: dict[tuple[Any, ...], NDArray[Any]] = {}
 
@@ -122,13 +125,13 @@ class Images:
     def has_alpha(self, info: schema.TextureInfo, where: str) -> bool:
         """Whether the image has transparency of its own."""
         image = self.source_of(info, where)
-        return image is not None and self.pixels(image).shape[2] in (2, 4)
+        return image is not None and self._channels[image] in (2, 4)
 
     def _texture(
         self,
         info: schema.TextureInfo,
         where: str,
-        image: str | NDArray[Any] | None,
+        image: str | PictureBytes | NDArray[Any] | None,
         color_space: str,
         uvs: str | None,
         channel: str = "rgb",
@@ -186,16 +189,16 @@ class Images:
 
     def pixels(self, index: int) -> NDArray[Any]:
         """(H, W, channels) as stored, of an image that source_of() has found."""
-        stored = self._stored[index]
-        if isinstance(stored, str):
-            if index not in self._pixels:
-                self._pixels[index] = self._decoded(stored, f"images[{index}]")
-            stored = self._pixels[index]
-        assert stored is not None
-        return stored
+        if index not in self._pixels:
+            stored = self._stored[index]
+            assert stored is not None
+            pixels = self._told(lambda: read_pixels(stored), stored)
+            self._source.spend(pixels.nbytes, f"images[{index}]")
+            self._pixels[index] = pixels
+        return self._pixels[index]
 
-    def _open(self, index: int) -> str | NDArray[Any] | None:
-        """The path of a picture file, or the pixels of one that the document holds."""
+    def _open(self, index: int) -> str | PictureBytes | None:
+        """The path of a picture file, or the bytes of one that the document holds."""
         s = self._source
         image = s.document.images[index]
         where = f"images[{index}]"
@@ -219,21 +222,20 @@ class Images:
             return None
         if not head.startswith(_KINDS):
             raise s.error(f"{where}: is none of PNG, JPEG and WebP")
-        if data is not None:
-            return self._decoded(data, where)
-        try:
-            check_picture(path, where)
-        except FormatError as error:
-            raise s.error(str(error)) from None
-        return path
+        picture = path if data is None else PictureBytes(data, f"{s.path}: {where}")
+        # To open a progressive JPEG is to decode it, which is left to when its pixels are needed.
+        if head.startswith(_JPEG):
+            self._channels[index] = 3
+        else:
+            self._channels[index] = self._told(lambda: picture_shape(picture), picture)[2]
+        return picture
 
-    def _decoded(self, source: str | bytes, where: str) -> NDArray[Any]:
+    def _told(self, read: Callable[[], T], picture: str | PictureBytes) -> T:
+        """What `read` returns; its errors name the document too."""
         try:
-            pixels = read_pixels(source, where)
+            return read()
         except FormatError as error:
-            raise self._source.error(str(error)) from None
-        self._source.spend(pixels.nbytes, where)
-        return pixels
+            raise error if isinstance(picture, bytes) else self._source.error(str(error)) from None
 
     def _once(
         self, key: tuple[Any, ...], where: str, make: Callable[[], NDArray[Any]]

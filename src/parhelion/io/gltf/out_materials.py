@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import tables
-from ...image import encoded, read_pixels, srgb_encoded
+from ...image import encoded, is_encoded, read_pixels, srgb_encoded
 from ...scene import Material, Texture
 from ..files import Reports
 from .building import Builder, text
@@ -325,7 +325,7 @@ class Materials:
         key = _key(image)
         if key not in self._pixels:
             self._kept.append(image)
-            pixels = read_pixels(image) if isinstance(key, str) else np.asarray(image)
+            pixels = read_pixels(image) if is_encoded(image) else np.asarray(image)
             if pixels.ndim == 2:
                 pixels = pixels[:, :, None]
             if pixels.dtype == np.bool_:
@@ -355,9 +355,8 @@ class Materials:
 
     def _stored(self, image: Any) -> NDArray[Any] | bytes | None:
         """An image as it is, if glTF can have it so: the bytes of its file, or whole numbers."""
-        key = _key(image)
-        if isinstance(key, str):
-            data = Path(key).read_bytes()
+        if is_encoded(image):
+            data = image if isinstance(image, bytes) else Path(image).read_bytes()
             if any(data.startswith(start) for start in _FILES):
                 return data
         pixels = self._read(image)

@@ -157,6 +157,8 @@ class _Writer:
             if self.packing is None:
                 raise SceneError(f"image {os.fspath(image)!r} is not inside the folder {root}")
             image, given = read_pixels(file), str(file)
+        elif isinstance(image, bytes):
+            image = read_pixels(image)
         pixels = np.asarray(image)
         if pixels.dtype.kind == "b":
             pixels = pixels.astype(np.uint8) * np.uint8(255)

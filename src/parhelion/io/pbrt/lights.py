@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...image import picture_size
+from ...image import picture_shape
 from ...scene import Background, Light, Texture
 from ...spectra import LUMINANCE, luminance
 from .colors import Color, scaled
@@ -136,7 +136,7 @@ def _infinite(item: Item, to_world: Matrix) -> list[Light]:
             "its transformation shears, which a light's cannot; the nearest rotation is used"
         )
     square = item.has("filename") and not item.reader.old
-    width, height = picture_size(picture.params["image"])
+    height, width, _ = picture_shape(picture.params["image"])
     if square and width != height:
         item.report(
             "its image is not square, which pbrt-v4's equal-area maps are: latitude and longitude"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pxr import Ar
 
 from ...errors import SceneError
-from ...image import check_picture, read_pixels
+from ...image import PictureBytes, picture_shape, read_pixels
 from ...spectra import decode_srgb
 from ..files import Folders
 
@@ -24,20 +24,25 @@ class Images:
 
     def __init__(self, folders: Folders) -> None:
         self._folders = folders
+        self._packed: dict[str, PictureBytes] = {}
         self._read: dict[str, NDArray[Any]] = {}
         self._linear: dict[tuple[str, bool], NDArray[np.float32]] = {}
 
-    def image(self, asset: Any, where: str) -> str | NDArray[Any] | None:
-        """The file's path, or the pixels of one in an archive; None if it is not there.
+    def image(self, asset: Any, where: str) -> str | PictureBytes | None:
+        """The file's path, or the bytes of one in an archive; None if it is not there.
 
         Raises SceneError if it lies elsewhere or cannot be read.
         """
         found = self._found(asset, where)
-        if found is not None and Ar.IsPackageRelativePath(found):
-            return self._pixels(found, where)
-        if found is not None:
-            check_picture(found, f"{where}: {asset.path!r}")
-        return found
+        if found is None:
+            return None
+        if not Ar.IsPackageRelativePath(found):
+            picture_shape(found, where)
+            return found
+        if found not in self._packed:
+            self._packed[found] = PictureBytes(_packed(found, where), found)
+            picture_shape(self._packed[found], where)
+        return self._packed[found]
 
     def has_colors(self, asset: Any, where: str) -> bool:
         """Whether it has 8 bits and 3 or 4 channels, which USD holds to be sRGB."""
