@@ -19,6 +19,7 @@ from typing import Any
 from .lights import lights
 from .loading import loading
 from .process import Worker, run, start_seconds
+from .rays import rays
 from .references import references
 from .scenes import BenchError
 from .summary import Row, ratios
@@ -204,6 +205,7 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
     "startup": startup,
     "clouds": clouds,
     "error": error,
+    "rays": rays,
     "lights": lights,
     "loading": loading,
     "trajectories": trajectories,

@@ -43,8 +43,15 @@ def _trimesh(file: Path, tree: bool) -> Load:
 
     if tree:
         raise BenchError("trimesh builds no tree of its own")
-    # process=False: without merging equal vertices, which takes several times as long
-    return lambda: trimesh.load(file, process=False)
+
+    def load() -> Any:
+        # process=False: without merging equal vertices, which takes several times as long
+        loaded = trimesh.load(file, process=False)
+        # A renderer needs normals, which it computes when they are asked for
+        parts = loaded.geometry.values() if isinstance(loaded, trimesh.Scene) else [loaded]
+        return loaded, [part.vertex_normals for part in parts]
+
+    return load
 
 
 def _mitsuba(file: Path, tree: bool) -> Load:

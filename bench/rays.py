@@ -1,0 +1,141 @@
+"""The group `rays`: hits of rays by the million a second on one thread, ours beside Embree's.
+
+Two kinds of scenes, from a thousand primitives to a million, or ten with --long: a sphere with
+waves as triangles, and a box of random spheres, for which Embree's Python module has no primitive.
+Three kinds of rays: a camera's, neighbours side by side; what bounces from there in all directions,
+for the nearest hit; and the same for any hit. Both get them as arrays in one call.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .process import Worker
+from .scenes import BenchError
+from .summary import Row, ratios
+
+SIDE = 512  # rays of a picture's side
+SHAPES = ("triangles", "spheres")
+RAYS = ("camera", "bounce", "any hit")
+
+
+def rays(plan: Any, notes: Any) -> list[Row]:
+    """By the number of primitives: seconds to build, and rays of each kind."""
+    plan.cache.mkdir(parents=True, exist_ok=True)
+    path = plan.cache / "rays.npz"
+    rows = []
+    for shape in SHAPES:
+        for count in (10**3, 10**5, 10**6) + ((10**7,) if plan.long else ()):
+            write(path, shape, count)
+            names = ("parhelion", "embreex") if shape == "triangles" else ("parhelion",)
+            rows += measured(plan, notes, path, f"{count:.0e} {shape}".replace("e+0", "e"), names)
+    path.unlink()
+    return rows
+
+
+def measured(plan: Any, notes: Any, path: Path, what: str, names: tuple[str, ...]) -> list[Row]:
+    workers: dict[str, Worker] = {}
+    speed: dict[tuple[str, str], list[float]] = {}
+    try:
+        for name in names:
+            try:
+                workers[name] = Worker("rays", {"program": name, "file": str(path), "threads": 1})
+                notes.versions[name] = workers[name].known
+            except BenchError as problem:
+                if name == "parhelion":
+                    raise
+                notes.add(f"{name} was not measured with {what}: {problem}")
+        for turn in range(plan.rounds + 1):
+            for kind in RAYS:
+                for name, worker in workers.items():
+                    answer = worker.ask({"rays": kind})
+                    if turn:  # the first is not counted: pages are touched, Embree builds
+                        speed.setdefault((kind, name), []).append(
+                            answer["rays"] / answer["seconds"] / 1e6
+                        )
+    finally:
+        for worker in workers.values():
+            worker.close()
+    rows = [
+        Row(f"{what}, build", name, "s", [worker.known["build_seconds"]])
+        for name, worker in workers.items()
+    ]
+    for (kind, name), values in speed.items():
+        if name == "parhelion":
+            rows.append(Row(f"{what}, {kind}", name, "M/s", values, more=True))
+        else:
+            ours = speed[kind, "parhelion"]
+            pairs = ratios(values, ours)
+            rows.append(
+                Row(
+                    f"{what}, {kind}",
+                    name,
+                    "M/s",
+                    values,
+                    more=True,
+                    against="parhelion",
+                    ratios=pairs,
+                )
+            )
+    return rows
+
+
+def write(path: Path, shape: str, count: int) -> None:
+    """Primitives and a camera's rays; those that bounce are made by the first who is asked."""
+    if shape == "triangles":
+        vertices, faces = wavy_sphere(count)
+        arrays = {"vertices": vertices, "faces": faces}
+    else:
+        rng = np.random.default_rng(1)
+        centers = rng.uniform(-1.0, 1.0, (count, 3)).astype(np.float32)
+        # as many as fill the same share of the box, whatever their number
+        arrays = {"centers": centers, "radius": np.float32(0.5 * count ** (-1 / 3))}
+    origins, directions = camera_rays()
+    np.savez(path, origins=origins, directions=directions, **arrays)
+
+
+def wavy_sphere(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Some `count` triangles around the origin, of radius 0.8 to 1.2: (V, 3) and (F, 3)."""
+    rows = max(4, round((count / 4) ** 0.5))
+    columns = 2 * rows
+    theta = np.pi * np.arange(rows + 1)[:, None] / rows
+    phi = 2.0 * np.pi * np.arange(columns)[None, :] / columns
+    radius = (
+        1.0
+        + 0.1 * np.sin(9.0 * theta) * np.sin(7.0 * phi)
+        + 0.1 * np.sin(23.0 * phi) * np.sin(theta) ** 2
+    )
+    around = np.stack(
+        [np.sin(theta) * np.cos(phi), np.cos(theta) + 0.0 * phi, np.sin(theta) * np.sin(phi)], 2
+    )
+    at = np.arange(rows * columns).reshape(rows, columns)
+    right = np.roll(at, -1, axis=1)
+    below, across = at + columns, right + columns
+    faces = np.concatenate([np.stack([at, across, below], 2), np.stack([at, right, across], 2)])
+    return (radius[..., None] * around).reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3)
+
+
+def camera_rays() -> tuple[np.ndarray, np.ndarray]:
+    """From (0, 0, 3) over a square that the scenes fill, row after row."""
+    s = (np.arange(SIDE) + 0.5) / SIDE - 0.5
+    x, y = np.meshgrid(0.7 * s, -0.7 * s)
+    directions = np.stack([x, y, np.full_like(x, -1.0)], axis=2).reshape(-1, 3)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.tile(np.float32([0, 0, 3]), (len(directions), 1)), directions.astype(np.float32)
+
+
+def bounces(
+    origins: np.ndarray, directions: np.ndarray, distances: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rays from where those hit, a little before the surface, in random directions."""
+    hit = np.isfinite(distances) & (distances < 1e30)
+    rng = np.random.default_rng(2)
+    there = origins[hit] + directions[hit] * (distances[hit, None] * np.float32(0.9999))
+    away = rng.normal(size=there.shape)
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    # half of all are turned back to the side that they come from
+    away = np.where(np.einsum("ij,ij->i", away, directions[hit])[:, None] > 0, -away, away)
+    return there.astype(np.float32), away.astype(np.float32)
