@@ -41,42 +41,78 @@ namespace parhelion::PH_ISA {
 
 // Distance at which a line enters a box; 0 from inside, infinity for a miss.
 PH_INLINE double entry(DVec3 origin, DVec3 direction, const Box& box) {
-  double near = 0.0, far = static_cast<double>(kInfinity);
-  const auto clip = [&](double o, double d, double low, double high) {
-    const double inverse = 1.0 / d;
-    const double a = (low - o) * inverse, b = (high - o) * inverse;
-    const double first = a < b ? a : b, last = a < b ? b : a;
-    near = first > near ? first : near;  // NaN, a line within the plane, does not clip
-    far = last < far ? last : far;
-  };
-  clip(origin.x, direction.x, box.low.x, box.high.x);
-  clip(origin.y, direction.y, box.low.y, box.high.y);
-  clip(origin.z, direction.z, box.low.z, box.high.z);
-  return near <= far ? near : static_cast<double>(kInfinity);
+  const auto least = [](double a, double b) { return a < b ? a : b; };
+  const auto most = [](double a, double b) { return a > b ? a : b; };
+  const double x = 1.0 / direction.x, y = 1.0 / direction.y, z = 1.0 / direction.z;
+  const double x0 = (box.low.x - origin.x) * x, x1 = (box.high.x - origin.x) * x;
+  const double y0 = (box.low.y - origin.y) * y, y1 = (box.high.y - origin.y) * y;
+  const double z0 = (box.low.z - origin.z) * z, z1 = (box.high.z - origin.z) * z;
+  // NaN, a line within the plane, does not clip: both pass on their second where the first is it.
+  const double near = most(least(z0, z1), most(least(y0, y1), most(least(x0, x1), 0.0)));
+  const double infinity = static_cast<double>(kInfinity);
+  const double far = least(most(z1, z0), least(most(y1, y0), least(most(x1, x0), infinity)));
+  return near <= far ? near : infinity;
 }
 
-// The ray through offset (dx, dy), in pixels, from the centre of pixel (x, y); y counts downwards.
-// start: the distance from the camera at which the ray enters the scene's bounds and begins.
-PH_INLINE Sight camera_ray(const Camera& camera, const Box& bounds, u32 x, u32 y, Vec2 offset,
-                           Vec3 lens, Ray& ray, float& start) {
-  const double column = static_cast<double>(x) + offset.x, row = static_cast<double>(y) + offset.y;
-  DRay full = {};
-  bool sees = false;
+// Samples whose camera rays are made at once, each step for all of them before the next: loops that
+// compilers turn into vectors.
+inline constexpr u32 kBatch = 16;
+
+// Of each sample in a batch: its pixel's column, where in the pixel, and on the lens; then its ray,
+// as `full` and, from where it enters the scene's bounds, `start` away from the camera, as the
+// scene sees it.
+struct CameraBatch {
+  u32 x[kBatch], sample[kBatch];
+  float offset_x[kBatch], offset_y[kBatch], lens_x[kBatch], lens_y[kBatch];
+  double full_origin[3][kBatch], full_direction[3][kBatch];
+  float origin[3][kBatch], direction[3][kBatch], start[kBatch];
+  Sight sight[kBatch];
+};
+
+template <class Type>
+PH_INLINE void cast_batch(const Type& camera, u32 y, CameraBatch& b) {
+  for (u32 i = 0; i < kBatch; ++i) {
+    DRay full = {};
+    const bool sees =
+        cast(camera, static_cast<double>(b.x[i]) + b.offset_x[i],
+             static_cast<double>(y) + b.offset_y[i], Vec3{b.lens_x[i], b.lens_y[i], 0.0f}, full);
+    b.full_origin[0][i] = full.origin.x;
+    b.full_origin[1][i] = full.origin.y;
+    b.full_origin[2][i] = full.origin.z;
+    b.full_direction[0][i] = full.direction.x;
+    b.full_direction[1][i] = full.direction.y;
+    b.full_direction[2][i] = full.direction.z;
+    b.sight[i] = sees ? Sight::scene : Sight::nothing;
+  }
+}
+
+// The rays through offsets, in pixels, from the centres of pixels in row y, which counts downwards.
+PH_INLINE void camera_rays(const Camera& camera, const Box& bounds, u32 y, CameraBatch& b) {
   switch (camera.kind) {
 #define CAMERA(name, Type) \
-  case CameraKind::name: sees = cast(camera.name, column, row, lens, full); break;
+  case CameraKind::name: cast_batch(camera.name, y, b); break;
 #include "cameras.def"
 #undef CAMERA
   }
-  if (!sees) return Sight::nothing;
-  const double far = camera.outside ? entry(full.origin, full.direction, bounds) : 0.0;
-  ray.direction = to_float(full.direction);
-  ray.self = kNoSlot;
-  ray.inward = false;
-  if (far == static_cast<double>(kInfinity)) return Sight::background;
-  ray.origin = to_float(full.origin + full.direction * far);
-  start = static_cast<float>(far);
-  return Sight::scene;
+  double far[kBatch];
+  for (u32 i = 0; i < kBatch; ++i) far[i] = 0.0;
+  if (camera.outside) {
+    for (u32 i = 0; i < kBatch; ++i) {
+      far[i] =
+          entry({b.full_origin[0][i], b.full_origin[1][i], b.full_origin[2][i]},
+                {b.full_direction[0][i], b.full_direction[1][i], b.full_direction[2][i]}, bounds);
+    }
+  }
+  for (u32 k = 0; k < 3; ++k) {
+    for (u32 i = 0; i < kBatch; ++i) {
+      b.origin[k][i] = static_cast<float>(b.full_origin[k][i] + b.full_direction[k][i] * far[i]);
+      b.direction[k][i] = static_cast<float>(b.full_direction[k][i]);
+    }
+  }
+  for (u32 i = 0; i < kBatch; ++i) {
+    b.start[i] = static_cast<float>(far[i]);
+    if (b.sight[i] == Sight::scene && b.start[i] == kInfinity) b.sight[i] = Sight::background;
+  }
 }
 
 }  // namespace parhelion::PH_ISA

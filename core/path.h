@@ -378,13 +378,29 @@ inline Vec3 ambient_occlusion(const SceneView& scene, const RenderView& view, co
                        stats);
 }
 
-// Radiance that one sample of one pixel sees: a pure function of its arguments.
-inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample,
-                     PathStats& stats, Features* features) {
-  const Sampler sampler = make_sampler(view.sampler, x, y, sample, view.seed);
-  const Vec2 place = draw2(sampler, kDrawPixel);
-  const Vec2 offset = {filter_offset(view.filter, place.x), filter_offset(view.filter, place.y)};
-  const Vec3 lens = uniform_disk(draw2(sampler, kDrawLens));
+// How the samples of a batch begin, whose pixels in row y and numbers are given.
+PH_INLINE void begin_paths(const SceneView& scene, const RenderView& view, u32 y, CameraBatch& b) {
+  float place_x[kBatch], place_y[kBatch], lens_x[kBatch], lens_y[kBatch];
+  for (u32 i = 0; i < kBatch; ++i) {
+    const Sampler sampler = make_sampler(view.sampler, b.x[i], y, b.sample[i], view.seed);
+    const Vec2 place = draw2(sampler, kDrawPixel), lens = draw2(sampler, kDrawLens);
+    place_x[i] = place.x, place_y[i] = place.y;
+    lens_x[i] = lens.x, lens_y[i] = lens.y;
+  }
+  for (u32 i = 0; i < kBatch; ++i) b.offset_x[i] = filter_offset(view.filter, place_x[i]);
+  for (u32 i = 0; i < kBatch; ++i) b.offset_y[i] = filter_offset(view.filter, place_y[i]);
+  for (u32 i = 0; i < kBatch; ++i) {
+    const Vec3 lens = uniform_disk({lens_x[i], lens_y[i]});
+    b.lens_x[i] = lens.x, b.lens_y[i] = lens.y;
+  }
+  camera_rays(view.camera, scene.bounds, y, b);
+}
+
+// Radiance that one sample of one pixel sees: a pure function of pixel and sample, which begins as
+// the batch has it at place `at`.
+inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 y,
+                     const CameraBatch& batch, u32 at, PathStats& stats, Features* features) {
+  const Sampler sampler = make_sampler(view.sampler, batch.x[at], y, batch.sample[at], view.seed);
   PathState path;
   path.sum = {0, 0, 0};
   path.throughput = {1, 1, 1};
@@ -395,9 +411,13 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
   path.media = view.media;
   if (features) *features = {0, {}, {}, {}, {}, {}, {}, {}, kNone, kNone};
   ++stats.rays;
-  float start = 0.0f;
-  const Sight sight = camera_ray(view.camera, scene.bounds, x, y, offset, lens, path.ray, start);
+  const Sight sight = batch.sight[at];
   if (sight == Sight::nothing) return {0, 0, 0};
+  const float start = sight == Sight::scene ? batch.start[at] : 0.0f;
+  path.ray.origin = {batch.origin[0][at], batch.origin[1][at], batch.origin[2][at]};
+  path.ray.direction = {batch.direction[0][at], batch.direction[1][at], batch.direction[2][at]};
+  path.ray.self = kNoSlot;
+  path.ray.inward = false;
   path.spread = view.camera.cone.spread;
   path.width = view.camera.cone.width + path.spread * start;
   u32 holes = 0;

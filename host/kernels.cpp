@@ -35,25 +35,37 @@ void record(FeaturePixel& pixel, const Features& f, u32 sample) {
 
 void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u32 x1, u32 first,
                 u32 last, FilmPixel* row, FeaturePixel* features, PathStats& stats) {
-  for (u32 x = x0; x < x1; ++x) {
-    FilmPixel& pixel = row[x - x0];
-    for (u32 sample = first; sample < last; ++sample) {
-      if (features) {
-        Features f;
-        add(pixel, radiance(scene, view, x, y, sample, stats, &f));
-        record(features[x - x0], f, sample);
-      } else {
-        add(pixel, radiance(scene, view, x, y, sample, stats, nullptr));
-      }
+  // Batches of samples, pixel after pixel; the rest of the last batch repeats its last sample.
+  u32 x = first < last ? x0 : x1, sample = first;
+  while (x < x1) {
+    CameraBatch batch;
+    u32 n = 0;
+    for (; n < kBatch && x < x1; ++n) {
+      batch.x[n] = x, batch.sample[n] = sample;
+      if (++sample == last) ++x, sample = first;
     }
-    carry(pixel);
-    if (features) carry(features[x - x0]);
+    for (u32 i = n; i < kBatch; ++i)
+      batch.x[i] = batch.x[n - 1], batch.sample[i] = batch.sample[n - 1];
+    begin_paths(scene, view, y, batch);
+    for (u32 i = 0; i < n; ++i) {
+      const u32 at = batch.x[i] - x0;
+      Features f;
+      add(row[at], radiance(scene, view, y, batch, i, stats, features ? &f : nullptr));
+      if (features) record(features[at], f, batch.sample[i]);
+    }
+  }
+  for (u32 i = 0; i < x1 - x0; ++i) {
+    carry(row[i]);
+    if (features) carry(features[i]);
   }
 }
 
 Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample) {
   PathStats stats = {0};
-  return radiance(scene, view, x, y, sample, stats, nullptr);
+  CameraBatch batch;
+  for (u32 i = 0; i < kBatch; ++i) batch.x[i] = x, batch.sample[i] = sample;
+  begin_paths(scene, view, y, batch);
+  return radiance(scene, view, y, batch, 0, stats, nullptr);
 }
 
 void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
