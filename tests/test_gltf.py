@@ -103,18 +103,19 @@ class File:
 
 @pytest.fixture
 def read(tmp_path: Path) -> Any:
-    """Loads a File, or the bytes of one; the scene without the lamp that dark ones get."""
+    """Loads a File, or the bytes of one; the scene without what dark ones get."""
 
     def scene(file: File | bytes, **options: Any) -> ph.Scene:
         path = tmp_path / "scene.gltf"
         path.write_bytes(file.text() if isinstance(file, File) else file)
-        return without_lamp(load(path, LoadOptions(**options)))
+        return without_studio(load(path, LoadOptions(**options)))
 
     return scene
 
 
-def without_lamp(scene: ph.Scene) -> ph.Scene:
-    return scene.replace(shapes=tuple(s for s in scene.shapes if s.name != "key light"))
+def without_studio(scene: ph.Scene) -> ph.Scene:
+    added = ("key light", "ground")
+    return scene.replace(shapes=tuple(s for s in scene.shapes if s.name not in added))
 
 
 def triangles(shape: Any) -> NDArray[Any]:
@@ -858,7 +859,8 @@ def test_what_has_no_light_gets_some(tmp_path: Path) -> None:
         path.write_bytes(f.text())
         scene = load(path)
         assert (scene.background is not None) == lit
-        assert ("key light" in [s.name for s in scene.shapes]) == lit
+        names = [s.name for s in scene.shapes]
+        assert ("key light" in names) == ("ground" in names) == lit
 
 
 def test_lights_are_in_candela_and_lux(read: Any) -> None:
@@ -1172,7 +1174,7 @@ def test_mutated_files_raise_only_format_errors(tmp_path: Path) -> None:
 def test_shared_scenes(
     shared_scenes: Path, name: str, shapes: int, faces: int, materials: int
 ) -> None:
-    scene = without_lamp(load(shared_scenes / "gltf" / name))
+    scene = without_studio(load(shared_scenes / "gltf" / name))
     meshes = [m for s in scene.shapes for m in getattr(s, "shapes", [s])]
     assert len(scene.shapes) == shapes
     assert sum(len(np.asarray(m.faces)) for m in meshes) == faces

@@ -398,8 +398,8 @@ LIT = {"background": None, "camera": ph.Camera((0.5, 3.0, 5.0), (0.0, 0.0, 0.0),
 
 
 def alone(scene: ph.Scene) -> list[Any]:
-    """The shapes of a scene without the lamp that dark ones get."""
-    return [s for s in scene.shapes if s.name != "key light"]
+    """The shapes of a scene without what dark ones get."""
+    return [s for s in scene.shapes if s.name not in ("key light", "ground")]
 
 
 def triangles(shapes: Sequence[Any]) -> np.ndarray:
@@ -425,7 +425,7 @@ def test_a_mesh_as_gltf_gives_the_same_picture(tmp_path: Path, ending: str) -> N
     }
     scene = ph.Scene([torus()], materials, **LIT)
     ph.save(scene, tmp_path / f"a.{ending}", strict=True)
-    again = ph.load(tmp_path / f"a.{ending}")
+    again = ph.load(tmp_path / f"a.{ending}", ph.LoadOptions(ground=False))
     # v runs down in glTF, and 1 - (1 - v) is v but for 2^-25: so are texture coordinates
     shown = np.abs(picture(again, spp=8) - picture(dressed(scene, bare=True), spp=8))
     assert np.quantile(shown, 0.99) < 1e-5
@@ -606,7 +606,7 @@ def test_round_things_as_gltf_are_meshes(tmp_path: Path) -> None:
     )
     # the first sphere's own colour replaces the checker
     ph.save(scene, tmp_path / "a.glb", strict=True)
-    again = ph.load(tmp_path / "a.glb")
+    again = ph.load(tmp_path / "a.glb", ph.LoadOptions(ground=False))
     both = [picture(s, spp=16, width=96, height=64) for s in (dressed(scene, bare=True), again)]
     assert np.abs(both[0].mean(axis=(0, 1)) - both[1].mean(axis=(0, 1))).max() < 4e-3
     assert np.abs(both[0] - both[1]).mean() < 0.02
@@ -669,19 +669,23 @@ def test_copies_as_gltf_are_nodes_or_instances(tmp_path: Path, count: int) -> No
     np.testing.assert_allclose(found[order[0]], wanted[order[1]], atol=2e-5)
 
 
-@pytest.mark.parametrize("ending", ["glb", "ply"])
-def test_the_light_of_the_studio_is_not_written_where_it_is_added(
-    tmp_path: Path, ending: str
+@pytest.mark.parametrize(
+    ("ending", "added"), [("glb", ["key light", "ground"]), ("ply", ["key light"])]
+)
+def test_light_and_ground_of_the_studio_are_not_written_where_they_are_added(
+    tmp_path: Path, ending: str, added: list[str]
 ) -> None:
     """As JSON a scene has all that it was given; from there it goes on without."""
     (tmp_path / "w.xyz").write_text("2\n\nO 0 0 0\nH 1 0 0\n")
-    ph.save(ph.load(tmp_path / "w.xyz"), tmp_path / "w.json")
+    ph.save(ph.load(tmp_path / "w.xyz", ph.LoadOptions(ground=True)), tmp_path / "w.json")
     dressed = ph.load(tmp_path / "w.json")
-    assert [s.name for s in dressed.shapes] == ["particles", "key light"]
+    assert [s.name for s in dressed.shapes] == ["particles", "key light", "ground"]
     ph.save(dressed, tmp_path / f"w.{ending}", strict=True)
+    again = ph.load(tmp_path / f"w.{ending}", ph.LoadOptions(ground=False))
+    assert sum(s.name in ("key light", "ground") for s in again.shapes) == 1
     names = [s.name for s in ph.load(tmp_path / f"w.{ending}").shapes]
-    assert names.count("key light") == 1
-    assert names[-1] == "key light"  # after the spheres
+    assert names[-len(added) :] == added  # as meshes; points have no ground unless asked for
+    assert names.count("ground") == added.count("ground")
 
 
 @pytest.mark.parametrize("ending", ["glb", "ply"])
@@ -747,7 +751,7 @@ def test_up_is_y_in_gltf(tmp_path: Path) -> None:
     mesh = replace(mesh, material=ph.Material("principled"))
     scene = ph.Scene([mesh], camera=framing((0.0, 0.0, 1.0)), background=None)
     ph.save(scene, tmp_path / "a.glb", strict=True)
-    again = ph.load(tmp_path / "a.glb")
+    again = ph.load(tmp_path / "a.glb", ph.LoadOptions(ground=False))
     assert np.array_equal(triangles(alone(again))[0], [[0, 0, 0], [1, 0, 0], [0, 2, 0]])
     assert replace(again.camera, shapes=()) == framing()  # which is not written
     # random directions are turned with the scene, but not all into those of before

@@ -136,6 +136,24 @@ def test_the_studios_light_goes_around_with_the_camera() -> None:
     assert np.abs(other.numpy() - pictures[0].numpy()).max() > 0.2
 
 
+def test_the_studios_ground_stays_below(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v 0 1 0\nv 1 1 0\nv 0 2 3\nf 1 2 3\n")
+    scene = ph.load(tmp_path / "a.obj")
+    turn = turns(scene, 3, 1.0)[1]
+    turned = turned_light(scene, turn.rotation, turn.pivot)
+    assert turned.shapes[-1].name == "ground"
+    assert turned.shapes[-1] is scene.shapes[-1]
+    # its middle is below the axis
+    np.testing.assert_allclose(np.delete(turned.shapes[-1].centers[0] - turn.pivot, 1), 0)
+
+
+def test_a_camera_of_the_files_own_turns_about_the_things_and_not_their_lamp() -> None:
+    camera = ph.Camera(eye=(0, 2, 9), target=(0, 0, 0))
+    plain = ph.Scene([ph.Spheres([[0, 0, 0]], 1.0)], camera=camera, background=None)
+    pivot = turns(dressed(plain, bare=True, ground=True), 4, 1.0)[0].pivot
+    np.testing.assert_allclose(pivot, turns(plain, 4, 1.0)[0].pivot)
+
+
 def test_light_of_the_scenes_own_stays_and_its_tree_is_built_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 
 import parhelion as ph
 from parhelion.framing import bounds, placed
-from parhelion.studio import VIEWS, dressed, framing, up_of
+from parhelion.studio import VIEWS, dressed, framing, up_of, with_up
 
 Z_UP = ph.Framing((0, -1, 0), (0, 0, 1))
 BALL = ph.Spheres([[0, 0, 0]], 1.0)
@@ -139,6 +140,120 @@ def test_a_flat_bottom_lies_on_the_ground() -> None:
     np.testing.assert_allclose(image, 0.85, rtol=1e-3)
 
 
+TRIANGLE = "v 0 1 0\nv 1 1 0\nv 0 2 0.5\nf 1 2 3\n"
+STAGE = '#usda 1.0\n(upAxis = "Z")\ndef Sphere "S" {}\ndef Camera "C" {\n%s\n}\n'
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "lowest"),
+    [
+        ("a.obj", TRIANGLE, (1, 1.0)),
+        ("a.off", "OFF\n3 1 0\n0 1 0\n1 1 0\n0 2 0.5\n3 0 1 2\n", (1, 1.0)),
+        ("a.xyz", "2\n\nC 0 0 0\nC 0 0 2\n", None),
+        ("a.pbrt", 'WorldBegin Shape "sphere"\n', None),
+        ("a.usda", STAGE.partition("def Camera")[0], (2, -1.0)),
+        # from 60 degrees above, where up in the picture is nearer to y, and from below
+        (
+            "a.usda",
+            STAGE % "double3 xformOp:translate = (0, -5, 8.66)\ndouble xformOp:rotateX = 30\n"
+            'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX"]',
+            (2, -1.0),
+        ),
+        (
+            "a.usda",
+            STAGE % "double3 xformOp:translate = (0, 0, -9)\ndouble xformOp:rotateX = 180\n"
+            'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateX"]',
+            None,
+        ),
+    ],
+)
+def test_meshes_and_scenes_without_light_stand_on_a_ground(
+    tmp_path: Path, name: str, text: str, lowest: tuple[int, float] | None
+) -> None:
+    if name.endswith(".usda"):
+        pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
+    path = tmp_path / name
+    path.write_text(text)
+
+    def grounds(**options: Any) -> list[Any]:
+        shapes = ph.load(path, ph.LoadOptions(**options)).shapes
+        return [shape for shape in shapes if shape.name == "ground"]
+
+    assert len(grounds()) == (lowest is not None)
+    if lowest is not None:
+        axis, height = lowest
+        assert grounds()[0].centers[0][axis] == pytest.approx(height)
+    assert not grounds(view="bottom")
+    assert len(grounds(view="bottom", ground=True)) == 1
+    assert not grounds(environment=str(tmp_path / "sky.hdr"))
+    assert not grounds(ground=False)
+    assert len(grounds(ground=True)) == 1
+
+
+def test_of_objects_meshes_stand_on_a_ground() -> None:
+    mesh = ph.Mesh([[0, 0, 1], [1, 0, 1], [0, 1, 2]], [[0, 1, 2]])
+    for thing, stands in ((mesh, True), (BALL, False), (np.eye(3), False)):
+        assert (ph.scene_of(thing).shapes[-1].name == "ground") == stands
+    assert ph.scene_of(mesh, ground=False).shapes[-1].name == "key light"
+    with pytest.raises(ph.SceneError, match="ground is 'no'; must be True, False or None"):
+        ph.scene_of(mesh, ground="no")
+
+
+@pytest.mark.parametrize("view", ["default", "front"])
+def test_the_ground_is_one_with_the_sky(view: str) -> None:
+    """Away from the things, the picture is what it is without; below them, there is a shadow."""
+    pictures = []
+    for ground in (True, False):
+        scene = dressed(ph.Scene([BALL], background=None), view=view, bare=True, ground=ground)
+        # wide enough that the sky shows above the ground
+        camera = replace(placed(scene, 1.0), vfov=50.0)
+        image = ph.render(scene, camera=camera, width=32, height=32, spp=32).numpy()[..., 0]
+        pictures.append(image.reshape(8, 4, 8, 4).mean(axis=(1, 3)))
+    off = pictures[0] - pictures[1]
+    assert np.abs(off[:, 0]).max() < 0.1  # at a horizon it would be 0.16 and more
+    assert off[5:, 3:5].min() < -0.12
+
+
+def test_the_ground_hides_nothing_from_below() -> None:
+    scene = ph.scene_of(ph.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
+    assert scene.shapes[-1].name == "ground"
+    below = ph.Camera(eye=(0.3, 0.3, -3), target=(0.3, 0.3, 0), up=(0, 1, 0), vfov=5)
+    seen = ph.render(scene, camera=below, width=8, height=8, spp=4, features=True).features
+    np.testing.assert_array_equal(seen["shape"], 0)
+
+
+def test_the_ground_fits_the_things_before_a_camera_of_their_own() -> None:
+    """Not the lamp, which is far away."""
+    camera = ph.Camera(eye=(0, 2, 9), target=(0, 0, 0))
+    plain = ph.Scene([BALL], background=None)
+    both = [
+        dressed(plain.replace(camera=c), bare=True, ground=True).shapes[-1]
+        for c in (camera, framing())
+    ]
+    assert both[0].axis_u == both[1].axis_u
+    assert both[0].centers == both[1].centers
+
+
+@pytest.mark.parametrize("up", [(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+def test_a_camera_tells_which_axis_is_up_and_sees_the_same(up: Any) -> None:
+    """Whether it is level, rolled or upside down, and however steeply it looks."""
+    random = np.random.default_rng(5)
+    right, above, front = np.eye(3)[[0, 1, 2]] if up[1] else np.eye(3)[[0, 2, 1]] * [[1], [1], [-1]]
+    for elevation in (-90.0, -80.0, -30.0, 0.0, 30.0, 60.0, 80.0, 89.9999, 90.0):
+        angle = np.radians(elevation)
+        towards = np.cos(angle) * front + np.sin(angle) * above
+        level = np.cos(angle) * above - np.sin(angle) * front
+        for roll in (0.0, 0.02, -0.5, *random.uniform(-0.7, 0.7, 4)):
+            own = np.cos(roll) * level + np.sin(roll) * right
+            camera = ph.Camera(tuple(3 * towards), (0, 0, 0), tuple(own))
+            told = with_up(camera, up)
+            assert up_of(ph.Scene(camera=told)) == up
+            wanted, found = np.cross(own, towards), np.cross(told.up, towards)
+            np.testing.assert_allclose(found / np.linalg.norm(found), wanted, atol=2e-6)
+            if roll == 0 and abs(elevation) < 75:
+                assert told.up == up
+
+
 def test_up_is_what_the_camera_says() -> None:
     assert up_of(ph.Scene()) == (0, 1, 0)
     assert up_of(ph.Scene(camera=Z_UP)) == (0, 0, 1)
@@ -191,6 +306,28 @@ def test_backdrop_is_seen_and_lights_nothing() -> None:
         ph.render(prepared, backdrop="red")
     with pytest.raises(ph.SceneError, match=r"backdrop is \(1, 0, -1\)"):
         ph.render(prepared, backdrop=(1, 0, -1))
+
+
+def test_a_ground_is_the_users_to_decide(tmp_path: Path) -> None:
+    """With --background there is none, which would hide most of it, unless asked for."""
+    from parhelion.cli import main
+    from parhelion.image import read_pixels
+
+    path, out = tmp_path / "a.obj", tmp_path / "a.png"
+    path.write_text(TRIANGLE)
+    flags = ["--width", "16", "--spp", "16", "--view", "iso", "-q", "-o", str(out)]
+    red = ["--background", "red"]
+    for words, covered in (
+        ([*red], False),
+        ([*red, "--ground"], True),
+        ([*red, "--no-ground"], False),
+    ):
+        assert main(["render", str(path), *words, *flags]) == 0
+        assert (tuple(read_pixels(out)[-1, 0, :3]) != (255, 0, 0)) == covered
+    assert main(["render", str(path), *flags]) == 0
+    with_ground = read_pixels(out)
+    assert main(["render", str(path), "--no-ground", *flags]) == 0
+    assert not np.array_equal(with_ground, read_pixels(out))
 
 
 def test_background_flag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -581,7 +581,7 @@ class "Class" { def Sphere "Inner" { } }
 def Volume "Smoke" { }
 """
     scene = read(tmp_path, body)
-    assert {s.name for s in scene.shapes} == {"/Shown", "key light"}
+    assert {s.name for s in scene.shapes} == {"/Shown", "key light", "ground"}
     with pytest.raises(ph.FormatError, match="Volume prims, such as /Smoke: not supported"):
         read(tmp_path, body, strict=True)
 
@@ -752,7 +752,7 @@ def test_shared_scenes(shared_scenes: Path) -> None:
     pyramids = load(folder / "SubdivisionSurfaces/Creases_SpinningPyramids.usda", frame=10)
     assert [len(s.shapes[0].faces) for s in pyramids.shapes[:3]] == [12288] * 3
     roughness = load(folder / "RoughnessTest/RoughnessTest.usdz")
-    assert len(roughness.shapes) == 7  # six, and the light that is added
+    assert len(roughness.shapes) == 8  # six, and the light and ground that are added
     blocks = ph.load(folder / "McUsd/McUsd.usda")
     assert len(blocks.shapes) == 23
     # 440 quads, as its own header says

@@ -38,6 +38,8 @@ from .scene import (
 from .studio import axis, dressed, framing
 
 _SHAPES = (Spheres, Mesh, Disks, Cylinders, Curves, Instances)
+# Whose shapes stand on a ground where there is no light; particles float.
+_STANDING = (Mesh,)
 # Up in the meshes of simulations and CAD, unless told otherwise
 _MESH_UP = "z"
 
@@ -77,6 +79,7 @@ def scene_of(thing: Any, **options: Any) -> Scene:
         environment=chosen.environment,
         ground=chosen.ground,
         bare=bare,
+        standing=_STANDING,
     )
 
 

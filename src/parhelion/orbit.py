@@ -14,7 +14,7 @@ from .errors import SceneError
 from .framing import placed, reach, subject
 from .renderer import Prepared, merged, prepare, render
 from .scene import Camera, Framing, Scene, Settings, Vec3
-from .studio import turned_light, up_of
+from .studio import turned_light, up_of, without_light
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -117,7 +117,7 @@ def _ahead(scene: Scene, camera: Camera, axis: Array) -> Array:
     """
     eye = np.array(camera.eye, np.float64)
     along = np.subtract(camera.target, eye)
-    away = reach(scene)[0] - eye
+    away = reach(without_light(scene))[0] - eye
     flat = along - axis * (along @ axis)
     size = float(flat @ flat)
     # Straight down the axis every place will do.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .errors import SceneError, unknown_name
-from .framing import bounds, reach
+from .framing import reach, subject
 from .scene import (
     Background,
     Camera,
@@ -69,11 +69,17 @@ _KEY_SIZE = sin(radians(_KEY_HALF_ANGLE))  # radius over distance
 _KEY = Material("emissive", radiance=(_KEY_STRENGTH / _KEY_SIZE**2,) * 3)
 _SKY = {"horizon": (_SKY_BEHIND_THINGS,) * 3, "zenith": (_SKY_BEHIND_CAMERA,) * 3}
 
-# The ground is a disk this many times larger than the things' bounding sphere: without an end, to
-# the eye. It lies exactly as low as the lowest point: a flat bottom neither floats nor sinks. Its
-# albedo makes it nearly as bright as the sky behind it.
+# The ground is a disk that lies exactly as low as the lowest point: a flat bottom neither floats
+# nor sinks. It is this many times larger than the things' bounding sphere: without an end, to the
+# eye.
 _GROUND_SIZE = 200.0
 _GROUND_ALBEDO = 0.85
+_GROUND_NAME = "ground"
+# In the studio's light it is as bright as the sky behind it, as far as an albedo can make it so,
+# and becomes one with it, all clear at this many radii: no horizon crosses the picture.
+_FADE_SIZE = 12.0
+_MOST_ALBEDO = 0.9
+_FADE = Texture("ramp", color0=(1.0,) * 3, color1=(0.0,) * 3, shape="smooth")
 
 
 def dressed(
@@ -81,17 +87,19 @@ def dressed(
     *,
     view: str | None = None,
     environment: str | PathLike[str] | None = None,
-    ground: bool = False,
+    ground: bool | None = None,
     bare: bool = False,
     glow: float = 0.0,
+    standing: tuple[type[Shape], ...] = (),
 ) -> Scene:
     """The scene with what the user asks for.
 
     view: one of VIEWS, instead of the scene's own camera. environment: a picture of all that is
     around, instead of the scene's background, its middle behind the things as seen from the front.
-    ground: below the lowest point. bare: the scene may lack what makes a picture of it: a view, if
-    it has no camera, and a soft sky and a key light, placed by the camera, if it has no light.
-    glow: radiance up to which surfaces that emit are no light, but glow for show.
+    ground: below the lowest point; None for one where there are shapes of the kinds in `standing`,
+    light is added, and the camera is not below. bare: the scene may lack what makes a picture of
+    it: a view, if it has no camera, and a soft sky and a key light, placed by the camera, if it has
+    no light. glow: radiance up to which surfaces that emit are no light, but glow for show.
 
     Raises SceneError for an unknown view.
     """
@@ -110,10 +118,17 @@ def dressed(
         scene = scene.replace(
             background=Background("envmap", image=environment, transform=turn.tolist())
         )
-    if bare and _dark(scene, glow):
-        scene = _lit(scene)
-    if ground:
-        scene = scene.replace(shapes=(*scene.shapes, *_ground(scene, up)))
+    dark = bare and _dark(scene, glow)
+    if ground is None:
+        stands = any(isinstance(shape, standing) for shape in scene.shapes)
+        ground = dark and stands and _above(scene, up)
+    things = without_light(scene)
+    middle, radius = reach(things) if dark or ground else (np.zeros(3), 0.0)
+    if dark:
+        scene = _lit(scene, middle, radius)
+    if ground and radius > 0.0:
+        level = _lowest(things, up)
+        scene = scene.replace(shapes=(*scene.shapes, _ground(scene, up, middle, radius, level)))
     return scene
 
 
@@ -151,6 +166,21 @@ def up_of(scene: Scene) -> Vec3:
         return (0.0, 1.0, 0.0)
     axis = int(np.argmax(np.abs(camera.up)))
     return _tuple(np.eye(3)[axis] * np.sign(camera.up[axis]))
+
+
+def with_up(camera: Camera, up: Vec3) -> Camera:
+    """A camera that sees the same, and whose `up` is as near to the scene's as that allows.
+
+    For up_of() to find the latter: what is up in the picture of a camera that looks down steeply
+    may be nearer to another axis. Any sum of that and of the line of sight makes the same picture.
+    """
+    right, towards = _towards(camera)
+    above, wanted = np.cross(towards, right), np.array(up)
+    along, rise = float(wanted @ towards), float(wanted @ above)
+    # never so much of the line of sight that the rest would be lost
+    new = above + along / max(rise, abs(along) / 4.0) * towards if along else above
+    new /= np.linalg.norm(new)
+    return replace(camera, up=up if np.allclose(new, wanted, rtol=0.0, atol=1e-6) else _tuple(new))
 
 
 def upright(up: Vec3) -> NDArray[np.float64]:
@@ -206,13 +236,12 @@ def _towards(camera: Camera | Framing | None) -> tuple[NDArray[np.float64], NDAr
     return right / np.linalg.norm(right), towards / np.linalg.norm(towards)
 
 
-def _lit(scene: Scene) -> Scene:
+def _lit(scene: Scene, middle: Array, radius: float) -> Scene:
     """A sky that is bright behind the things, and a sphere that shines, up and to the side, behind
-    or far outside of what the camera sees.
+    or far outside of what the camera sees. middle, radius: of the things.
     """
     right, towards = _towards(scene.camera)
     sky = Background("gradient", **_SKY, up=_tuple(towards))
-    middle, radius = reach(scene)
     if not radius > 0.0:
         return scene.replace(background=sky)
     distance = _KEY_DISTANCE * radius
@@ -242,10 +271,12 @@ def turned_light(scene: Scene, rotation: Array, pivot: Array) -> Scene:
 
 
 def without_light(scene: Scene) -> Scene:
-    """The scene without the light that dressed() gave it; the scene itself if there is none."""
+    """The scene without the light that dressed() gave it, and the ground in that light; the scene
+    itself if there is none.
+    """
     if _studio_up(scene) is None:
         return scene
-    kept = [shape for shape in scene.shapes if not _is_key(shape)]
+    kept = [shape for shape in scene.shapes if not (_is_key(shape) or _is_ground(shape))]
     return scene.replace(background=None, shapes=kept)
 
 
@@ -260,18 +291,63 @@ def _is_key(shape: Shape) -> bool:
     return isinstance(shape, Spheres) and shape.name == _KEY_NAME and shape.material == _KEY
 
 
-def _ground(scene: Scene, up: Vec3) -> list[Disks]:
-    """A disk that the lowest point touches."""
-    middle, radius = reach(scene)
-    if not radius > 0.0:
-        return []
-    low, high = bounds(scene)
+def _ground(scene: Scene, up: Vec3, middle: Array, radius: float, level: float) -> Disks:
+    """A disk at a coordinate along the axis that is up. middle, radius: of the things."""
+    center = middle.astype(np.float64)
+    center[int(np.argmax(np.abs(up)))] = level
+    fades = _studio_up(scene) is not None
+    right, _, front = upright(up).T * ((_FADE_SIZE if fades else _GROUND_SIZE) * radius)
+    look = _fading(_even_albedo(scene, up)) if fades else _gray(_GROUND_ALBEDO)
+    return Disks([_tuple(center)], [_tuple(front)], [_tuple(right)], look, None, _GROUND_NAME)
+
+
+def _is_ground(shape: Shape) -> bool:
+    """Whether it is the ground in the studio's light."""
+    look = getattr(shape, "material", None)
+    if not (isinstance(shape, Disks) and shape.name == _GROUND_NAME and isinstance(look, Material)):
+        return False
+    color = look.params.get("color")
+    return isinstance(color, tuple) and look == _fading(color[0])
+
+
+def _gray(albedo: float, **common: Any) -> Material:
+    return Material("diffuse", color=(albedo,) * 3, **common)
+
+
+def _fading(albedo: float) -> Material:
+    """Of a disk: grey at its middle, nothing at its rim, and nothing from below, so that it hides
+    nothing from cameras that come later.
+    """
+    return _gray(albedo, opacity=_FADE, back=Material("null"))
+
+
+def _even_albedo(scene: Scene, up: Vec3) -> float:
+    """With which the ground, where nothing shades it, is as bright as the sky behind the things."""
+    right, towards = _towards(scene.camera)
+    key = np.array(_KEY_DIRECTION) @ (right, np.cross(towards, right), towards)
+    sine = float(key @ up) / float(np.linalg.norm(key))
+    # Radiance a + b cos of the angle to an axis gives a plane the irradiance pi (a + 2/3 b cos of
+    # the angle between its normal and that axis).
+    a = 0.5 * (_SKY_BEHIND_CAMERA + _SKY_BEHIND_THINGS)
+    b = 0.5 * (_SKY_BEHIND_CAMERA - _SKY_BEHIND_THINGS)
+    light = _KEY_STRENGTH * max(sine, 0.0) + a + 2.0 / 3.0 * b * float(towards @ np.array(up))
+    return min(_SKY_BEHIND_THINGS / light, _MOST_ALBEDO)
+
+
+def _above(scene: Scene, up: Vec3) -> bool:
+    """Whether the camera stands above the lowest point, or looks down where it is yet to stand."""
+    if isinstance(scene.camera, Camera):
+        axis = int(np.argmax(np.abs(up)))
+        return bool((scene.camera.eye[axis] - _lowest(scene, up)) * up[axis] > 0.0)
+    return bool(_towards(scene.camera)[1] @ np.array(up) >= 0.0)
+
+
+def _lowest(scene: Scene, up: Vec3) -> float:
+    """The coordinate, along the axis that is up, of the lowest point."""
     axis = int(np.argmax(np.abs(up)))
-    center = middle.copy()
-    center[axis] = low[axis] if up[axis] > 0 else high[axis]
-    right, _, front = upright(up).T * (_GROUND_SIZE * radius)
-    albedo = Material("diffuse", color=(_GROUND_ALBEDO,) * 3)
-    return [Disks([_tuple(center)], [_tuple(front)], [_tuple(right)], albedo, None, "ground")]
+    sign = float(np.sign(up[axis]))
+    ends = [float(np.min(sign * c[:, axis] - r)) for c, r in subject(scene)]
+    return sign * min(ends, default=np.inf)
 
 
 def _tuple(vector: NDArray[np.float64]) -> Vec3:

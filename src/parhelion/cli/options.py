@@ -66,7 +66,12 @@ def add_loading(parser: argparse.ArgumentParser, required: bool = False) -> None
     group.add_argument(
         "--environment", metavar="FILE", help="a panorama, instead of the file's background"
     )
-    group.add_argument("--ground", action="store_true", help="a ground for shadows to fall on")
+    group.add_argument(
+        "--ground",
+        action=argparse.BooleanOptionalAction,
+        help="a ground for shadows to fall on, or none; default: below meshes and scenes that bring"
+        " no light, without --background",
+    )
     group = parser.add_argument_group("particle files")
     group.add_argument("--color-by", metavar="FIELD", help="colour by this field of the particles")
     group.add_argument("--colormap", default="viridis", metavar="NAME", help="a Matplotlib name")

@@ -139,6 +139,8 @@ def run(args: argparse.Namespace) -> int:
         "features",
     )
     settings = {name: getattr(args, name) for name in names}
+    if args.backdrop is not None and args.ground is None:
+        args.ground = False  # it would cover most of what was asked for
     if args.turntable is not None or args.frames is not None:
         return _sequence(args, output, settings)
     return _picture(args, output, settings)

@@ -8,6 +8,8 @@ A format module has these names:
     BARE        True if its files often lack a camera and lights, which are then added
     PACKED      False if it does not read files that are packed, as NAME.gz (none: it does)
     TIME_CODES  True if `frame` need not be a whole number (none: False)
+    GROUND      kinds of shapes, such as scene.Mesh, that a ground is put below where light is added
+                (none: ())
     GLOW        radiance up to which emission in its files is for show, and no light (none: 0)
     load(path: pathlib.Path, options: LoadOptions) -> Scene
     trajectory(path: pathlib.Path, options: LoadOptions) -> context manager of a text.Trajectory,
@@ -93,7 +95,8 @@ class LoadOptions:
     up: "x", "y" or "z", "-z" and so on: the axis that is up in a file that does not say; None for
     what is usual in its format. view: where the camera stands instead of where the scene says: a
     name in studio.VIEWS. environment: a panorama's file, instead of the scene's background. ground:
-    a ground below all for shadows to fall on.
+    whether there is one below all, for shadows to fall on; None for one below meshes and scenes
+    that bring no light, where the camera is not below it.
     time: seconds of a scene's animations; None for the pose that it is stored in. variant: the name
     of one of a scene's sets of materials, of USD "set=name" and more such after commas; None for
     those that it begins with.
@@ -103,7 +106,7 @@ class LoadOptions:
     colormap: str = "viridis"
     color_range: tuple[float, float] | None = None
     radius: float | str | None = None
-    ground: bool = False
+    ground: bool | None = None
     frame: float = 0
     style: str = "spheres"
     bond_length: float | None = None
@@ -129,6 +132,8 @@ class LoadOptions:
             value = getattr(self, name)
             if value is not None and not (isinstance(value, Real) and isfinite(value)):
                 raise SceneError(f"{name} is {value!r}; must be a number")
+        if self.ground is not None and not isinstance(self.ground, bool):
+            raise SceneError(f"ground is {self.ground!r}; must be True, False or None")
         if self.environment is not None and not isinstance(self.environment, (str, os.PathLike)):
             raise SceneError(f"environment is {self.environment!r}; must be a path")
         ends = self.color_range
@@ -160,6 +165,7 @@ def load(
         ground=options.ground,
         bare=studio and getattr(module, "BARE", False),
         glow=getattr(module, "GLOW", 0.0),
+        standing=getattr(module, "GROUND", ()),
     )
 
 

@@ -26,6 +26,7 @@ NAME = "mesh"
 SUFFIXES = (".ply", ".stl", ".off")
 OPTIONS = ("up", *particles.OPTIONS)
 BARE = True
+GROUND = (Mesh,)
 
 # Steeper edges stay sharp, degrees
 _CREASE = 40.0

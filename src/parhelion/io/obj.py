@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FormatError, SceneError
-from ..scene import Material, Scene, Texture
+from ..scene import Material, Mesh, Scene, Texture
 from ..studio import axis, framing
 from . import LoadOptions
 from .files import Folders, Reports, contents
@@ -29,6 +29,7 @@ NAME = "OBJ"
 SUFFIXES = (".obj",)
 OPTIONS = ("up",)
 BARE = True
+GROUND = (Mesh,)
 
 # Statement -> how many numbers
 _NUMBERS = {

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ...scene import Scene
+from ...scene import Instances, Mesh, Scene
 from .. import LoadOptions
 from ..files import Reports
 
@@ -21,6 +21,7 @@ PACKED = False
 OPTIONS = ("time", "variant")
 BARE = True
 GLOW = 1.0  # brighter needs KHR_materials_emissive_strength
+GROUND = (Mesh, Instances)
 
 
 def load(path: Path, options: LoadOptions) -> Scene:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...scene import Camera, Light, Settings
+from ...studio import with_up
 from . import schema
 from .source import Source
 
@@ -121,7 +122,7 @@ def camera(
             f"{where}.type is {found.type[:20]!r}; must be 'perspective' or 'orthographic', with"
             " the object of that name"
         )
-    return Camera(**params), _size(aspect)
+    return with_up(Camera(**params), (0.0, 1.0, 0.0)), _size(aspect)
 
 
 def _size(aspect: float | None) -> Settings:

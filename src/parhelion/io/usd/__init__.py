@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...errors import FormatError
-from ...scene import Scene
+from ...scene import Cylinders, Disks, Instances, Mesh, Scene, Spheres
 from .. import LoadOptions
 
 NAME = "USD"
@@ -19,6 +19,7 @@ PACKED = False
 OPTIONS = ("frame", "variant")
 TIME_CODES = True
 BARE = True
+GROUND = (Mesh, Instances, Spheres, Disks, Cylinders)
 
 
 def load(path: Path, options: LoadOptions) -> Scene:

@@ -9,6 +9,7 @@ import numpy as np
 from pxr import Sdf, UsdGeom, UsdRender
 
 from ...scene import Camera, Settings
+from ...studio import with_up
 
 if TYPE_CHECKING:
     from .reader import Matrix, Reader
@@ -36,7 +37,7 @@ def chosen(r: Reader) -> tuple[Camera | None, Settings | None]:
     if not found and len(r.cameras) > 1:
         r.report(f"{len(r.cameras)} cameras: the first, {prim.GetPath()}, is used")
     camera, aspect = _camera(r, prim, matrix)
-    return camera, _sized(size, aspect)
+    return with_up(camera, r.up), _sized(size, aspect)
 
 
 def _sized(size: Any, aspect: float | None) -> Settings | None:

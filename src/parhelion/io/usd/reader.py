@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from ...errors import FormatError, SceneError
-from ...scene import Framing, Instances, Light, Material, Scene, Settings, Shape
+from ...scene import Framing, Instances, Light, Material, Scene, Settings, Shape, Vec3
 from ...studio import axis, framing
 from ..files import Folders, Reports
 from .images import Images
@@ -77,9 +77,14 @@ class Reader:
             name=self.path.name,
         )
 
+    @property
+    def up(self) -> Vec3:
+        """The axis that is up in the stage."""
+        return axis(str(UsdGeom.GetStageUpAxis(self.stage)).lower())
+
     def _framing(self, shapes: list[Shape]) -> Framing:
         """Shows everything but the lights."""
-        view = framing(axis(str(UsdGeom.GetStageUpAxis(self.stage)).lower()))
+        view = framing(self.up)
         names = tuple(s.name for s in shapes if s.name not in self.lamps)
         return Framing(view.direction, view.up, view.vfov, view.fill, names)
 
