@@ -52,6 +52,35 @@ def test_srgb_cuts_what_a_screen_can_not_show() -> None:
         np.testing.assert_allclose(srgb_encoded(x), [0, 0, 0, 1, 1, 1, 0], atol=1e-7)
 
 
+def test_exposure_multiplies_light_by_powers_of_two(image: ph.Image, tmp_path: Path) -> None:
+    x = np.array([[[0.0, 0.001, 0.1], [0.25, 0.7, 40.0], [np.inf, np.nan, 1e38]]], np.float32)
+    shown = painted(image, x)
+    for stops in (-3.0, 0.5, 1, 20):
+        with np.errstate(all="raise"):
+            found = shown.srgb(16, exposure=stops)
+        finite = np.where(np.isfinite(x), x, 0).astype(np.float64)
+        expected = painted(image, np.minimum(finite * 2.0**stops, 1e38)).srgb(16)
+        np.testing.assert_allclose(found[0, :2].astype(int), expected[0, :2], atol=1)
+        assert found[0, 2].tolist() == [65535, 0, 65535]
+    shown.save(tmp_path / "a.png", exposure=1)
+    pixels, told = read_picture(tmp_path / "a.png")
+    np.testing.assert_array_equal(pixels, shown.srgb(exposure=1))
+    assert told["parhelion:exposure"] == "1"
+    # linear values stay
+    for ending in ("1.exr", "2.exr"):
+        image.save(tmp_path / ending, exposure=-2 * (ending == "2.exr"))
+    (plain, _), (exposed, told) = (read_picture(tmp_path / f"{i}.exr") for i in (1, 2))
+    np.testing.assert_array_equal(plain, exposed)
+    assert told["parhelion:exposure"] == "-2"
+
+
+@pytest.mark.parametrize("exposure", [float("nan"), 33, -1e400, "bright", None])
+def test_an_exposure_without_meaning(image: ph.Image, tmp_path: Path, exposure: object) -> None:
+    with pytest.raises(ph.SceneError, match=r"exposure is .*; must be a number of stops, from -32"):
+        image.save(tmp_path / "a.png", exposure=exposure)  # type: ignore[arg-type]
+    assert not (tmp_path / "a.png").exists()
+
+
 @pytest.mark.parametrize(("bits", "dtype"), [(8, np.uint8), (16, np.uint16)])
 def test_stored_numbers_are_rounded_to_the_nearest(image: ph.Image, bits: int, dtype: type) -> None:
     x = np.linspace(0, 1, 3 * 4096).reshape(64, 64, 3)

@@ -190,6 +190,18 @@ def test_names_of_files(name: str, expected: str) -> None:
     assert numbered(name, 7) == expected
 
 
+def test_exposure_of_a_sequence_and_its_background(tmp_path: Path) -> None:
+    """The background is as it was named."""
+    (tmp_path / "w.xyz").write_text(XYZ)
+    words = ["render", str(tmp_path / "w.xyz"), *SMALL, "--turntable", "1", "-q"]
+    for name, more in (("a", []), ("b", ["--exposure", "-2"])):
+        more = [*more, "--background", "#204060", "-o", str(tmp_path / f"{name}.png")]
+        assert cli.main([*words, *more]) == 0
+    bright, dark = (read_picture(tmp_path / f"{name}.0001.png")[0].astype(int) for name in "ab")
+    assert bright[0, 0].tolist() == dark[0, 0].tolist() == [0x20, 0x40, 0x60]
+    assert dark[7:11, 14:18].mean() < 0.7 * bright[7:11, 14:18].mean()
+
+
 def test_a_turntable_of_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "w.xyz").write_text(XYZ)
     words = ["render", str(tmp_path / "w.xyz"), *SMALL, "--turntable", "3"]
@@ -324,6 +336,11 @@ def test_a_film_gets_every_picture(tmp_path: Path, only_path: Path) -> None:
     words = (only_path / "words").read_text().split("\n")
     for option, value in (("-s", "16x16"), ("-framerate", "12.5"), ("-pix_fmt", "rgb24")):
         assert words[words.index(option) + 1] == value
+    ph.save_sequence(turn_of(1), tmp_path / "b.mp4", exposure=-1)
+    darker = next(turn_of(1)).srgb(exposure=-1)
+    assert (tmp_path / "b.mp4").read_bytes() == darker.tobytes()
+    with pytest.raises(ph.SceneError, match="exposure is inf"):
+        ph.save_sequence(turn_of(1), tmp_path / "c.mp4", exposure=np.inf)
 
 
 def test_without_ffmpeg_nothing_is_rendered(tmp_path: Path, only_path: Path) -> None:

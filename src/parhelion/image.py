@@ -55,6 +55,9 @@ _RATIO = 20
 # How numbers are read that are not read as float, and their bytes
 _KINDS = {"uint8": ("uint8", 1), "uint16": ("uint16", 2)}
 
+# Stops by which a picture may be made brighter or darker: beyond, all would be white or black.
+_MOST_EXPOSURE = 32.0
+
 # Rows that the writer of EXR gets at a time: with features, a copy of a whole picture would be as
 # large as all else together.
 _ROWS = 64
@@ -116,13 +119,17 @@ class Image:
         done = "" if self.stats.complete else ", stopped early"
         return f"<Image {width}x{height}, {self.settings.spp} spp{done}>"
 
-    def srgb(self, bits: int = 8, legend: bool = False) -> NDArray[Any]:
+    def srgb(self, bits: int = 8, legend: bool = False, exposure: float = 0.0) -> NDArray[Any]:
         """The picture as screens want it: sRGB, (H, W, 3) uint8 or uint16, cut at white.
 
         legend: with what the colours stand for at its right side; raises SceneError if they stand
-        for nothing.
+        for nothing. exposure: stops; light is multiplied by 2^exposure before it is encoded.
         """
-        stored = srgb_stored(self.pixels, bits)
+        pixels, stops = self.pixels, checked_exposure(exposure)
+        if stops:
+            with np.errstate(over="ignore"):  # infinite is white as well
+                pixels = pixels * np.float32(2.0**stops)
+        stored = srgb_stored(pixels, bits)
         if not legend:
             return stored
         from .legend import panel
@@ -188,29 +195,34 @@ class Image:
         }
 
     def save(
-        self, path: str | os.PathLike[str], bits: int | None = None, legend: bool = False
+        self,
+        path: str | os.PathLike[str],
+        bits: int | None = None,
+        legend: bool = False,
+        exposure: float = 0.0,
     ) -> None:
         """Writes the picture; the ending of the name says how.
 
         .png (bits 8 or 16) and .jpg are sRGB; .exr is linear (bits 32 or 16) and holds the
         features, if there are any, as layers. A file that is there already stays whole until the
         new one is complete. legend: what the colours stand for is drawn at the right side of the
-        picture, which becomes wider.
+        picture, which becomes wider. exposure: stops by which what is sRGB is made brighter; linear
+        values stay, and their file says in its metadata at which exposure they are to be seen.
 
         Raises SceneError for an unknown ending or number of bits, and a legend where there is none,
         ResourceError where the file cannot be written.
         """
         file = Path(path)
-        check_output(file, bits, legend=legend)
+        check_output(file, bits, legend=legend, exposure=exposure)
         ending = file.suffix.lower()
         depth = bits or WRITABLE[ending][0]
         data: NDArray[Any]
         if ending == ".exr":
             data = _half(self.pixels) if depth == 16 else self.pixels
         else:
-            data = self.srgb(depth, legend)
+            data = self.srgb(depth, legend, exposure)
         layers = self.features if ending == ".exr" else {}
-        told = self.metadata()
+        told = self.metadata() | {"parhelion:exposure": f"{checked_exposure(exposure):g}"}
         for layer, names in self._matte_names().items():
             if layer in layers:
                 told |= cryptomatte.attributes(layer, names)
@@ -233,6 +245,20 @@ def checked_legend(legend: ColorBar | Swatches | None) -> ColorBar | Swatches:
             " coloured by a field (color_by)"
         )
     return legend
+
+
+def checked_exposure(exposure: Any) -> float:
+    """A number of stops. Raises SceneError for anything else."""
+    try:
+        stops = float(exposure)
+    except (TypeError, ValueError, OverflowError):
+        stops = np.nan
+    if not abs(stops) <= _MOST_EXPOSURE:
+        raise SceneError(
+            f"exposure is {exposure!r}; must be a number of stops,"
+            f" from {-_MOST_EXPOSURE:g} to {_MOST_EXPOSURE:g}"
+        )
+    return stops
 
 
 def srgb_stored(linear: NDArray[np.float32], bits: int = 8) -> NDArray[Any]:
@@ -379,6 +405,7 @@ def check_output(
     bits: int | None = None,
     features: bool = False,
     legend: bool = False,
+    exposure: float = 0.0,
 ) -> None:
     """Raises what save() would for a name that cannot be written, before the work is done."""
     file = Path(path)
@@ -393,6 +420,7 @@ def check_output(
     if legend and ending == ".exr":
         choices = ", ".join(e for e in WRITABLE if e != ".exr")
         raise SceneError(f"{file}: {ending} cannot hold a legend (choices: {choices})")
+    checked_exposure(exposure)
     check_place(file)
 
 

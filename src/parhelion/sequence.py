@@ -10,11 +10,11 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Protocol
+from typing import IO, TYPE_CHECKING, Any, Protocol
 
 from .atomic import taking_place
 from .errors import ResourceError, SceneError
-from .image import check_output, check_place
+from .image import check_output, check_place, checked_exposure
 
 if TYPE_CHECKING:
     from .image import Image
@@ -52,19 +52,20 @@ def save_sequence(
     fps: float = 30.0,
     bits: int | None = None,
     legend: bool = False,
+    exposure: float = 0.0,
 ) -> int:
     """Writes pictures as they come, and returns how many.
 
     path: "turn.png" makes turn.0001.png, turn.0002.png and so on; "turn-%03d.exr" says where the
     number stands and how many digits it has. "turn.mp4" makes a film of fps pictures a second, for
-    which the program ffmpeg is needed; it appears when it is complete. bits, legend: as for
-    Image.save().
+    which the program ffmpeg is needed; it appears when it is complete. bits, legend, exposure: as
+    for Image.save().
 
     Raises what Image.save() does, and ResourceError without ffmpeg, before the first picture is
     asked for.
     """
     count = 0
-    with opened(path, fps=fps, bits=bits, legend=legend) as taker:
+    with opened(path, fps=fps, bits=bits, legend=legend, exposure=exposure) as taker:
         for image in images:
             taker.add(image)
             count += 1
@@ -79,6 +80,7 @@ def opened(
     bits: int | None = None,
     features: bool = False,
     legend: bool = False,
+    exposure: float = 0.0,
 ) -> Iterator[Taker]:
     """What takes the pictures of one sequence; a film is whole, and there, after the block.
 
@@ -87,8 +89,8 @@ def opened(
     """
     name = os.fspath(path)
     if Path(name).suffix.lower() != FILM:
-        check_output(numbered(name, 1), bits, features, legend)
-        yield _Files(name, bits, legend)
+        check_output(numbered(name, 1), bits, features, legend, exposure)
+        yield _Files(name, {"bits": bits, "legend": legend, "exposure": exposure})
         return
     if bits not in (None, 8):
         raise SceneError(f"{name}: {FILM} cannot hold {bits} bits a channel (choices: 8)")
@@ -100,10 +102,11 @@ def opened(
         rate = 0.0
     if not 0.01 <= rate <= 1000.0:
         raise SceneError(f"fps is {fps!r}; must lie in [0.01, 1000]")
+    looks = {"legend": legend, "exposure": checked_exposure(exposure)}
     check_place(Path(name))
     program = _ffmpeg(name)
     with tempfile.TemporaryFile() as said, taking_place(Path(name)) as temporary:
-        film = _Film(name, program, rate, temporary, said, legend)
+        film = _Film(name, program, rate, temporary, said, looks)
         try:
             yield film
             film.finish()
@@ -132,27 +135,33 @@ def numbered(name: str, number: int) -> str:
 class _Files:
     """A file for each picture, each whole or not there."""
 
-    def __init__(self, name: str, bits: int | None, legend: bool) -> None:
-        self._name, self._bits, self._legend, self._count = name, bits, legend, 0
+    def __init__(self, name: str, looks: dict[str, Any]) -> None:
+        self._name, self._looks, self._count = name, looks, 0
 
     def add(self, image: Image) -> None:
         self._count += 1
-        image.save(numbered(self._name, self._count), self._bits, self._legend)
+        image.save(numbered(self._name, self._count), **self._looks)
 
 
 class _Film:
     """ffmpeg, which is sent the pictures; it starts with the first one, which says the size."""
 
     def __init__(
-        self, name: str, program: str, fps: float, file: Path, said: IO[bytes], legend: bool
+        self,
+        name: str,
+        program: str,
+        fps: float,
+        file: Path,
+        said: IO[bytes],
+        looks: dict[str, Any],
     ) -> None:
-        self._name, self._program, self._fps, self._legend = name, program, fps, legend
+        self._name, self._program, self._fps, self._looks = name, program, fps, looks
         self._file, self._said = file, said
         self._process: subprocess.Popen[bytes] | None = None
         self._size = (0, 0)
 
     def add(self, image: Image) -> None:
-        pixels = image.srgb(legend=self._legend)
+        pixels = image.srgb(**self._looks)
         size = pixels.shape[1], pixels.shape[0]
         if self._process is None:
             self._start(*size)

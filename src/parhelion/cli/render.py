@@ -40,6 +40,13 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     p.add_argument("--bits", type=int, help="a channel: 8 or 16 for .png, 16 or 32 for .exr")
     p.add_argument(
+        "--exposure",
+        type=float,
+        default=0.0,
+        metavar="EV",
+        help="stops brighter, or darker if negative; .exr files keep the linear values",
+    )
+    p.add_argument(
         "--features",
         action="store_true",
         help="also depth, position, normals, albedo, Cryptomattes and so on, as layers of the"
@@ -117,6 +124,8 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Renders and writes; 130 if it was stopped."""
+    from ..image import checked_exposure
+
     output = args.output if args.output is not None else f"{_stem(args.scene)}.png"
     names = (
         "width",
@@ -139,8 +148,12 @@ def run(args: argparse.Namespace) -> int:
         "features",
     )
     settings = {name: getattr(args, name) for name in names}
-    if args.backdrop is not None and args.ground is None:
-        args.ground = False  # it would cover most of what was asked for
+    if args.backdrop is not None:
+        if args.ground is None:
+            args.ground = False  # it would cover most of what was asked for
+        if not output.lower().endswith(".exr"):  # the colour is to be seen as it was named
+            factor = 2.0 ** -checked_exposure(args.exposure)
+            settings["backdrop"] = tuple(factor * c for c in args.backdrop)
     if args.turntable is not None or args.frames is not None:
         return _sequence(args, output, settings)
     return _picture(args, output, settings)
@@ -152,7 +165,7 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any]) ->
 
     if args.fps is not None:
         raise SceneError("--fps needs a sequence of pictures: --turntable or --frames")
-    check_output(output, args.bits, args.features, args.legend)
+    check_output(output, args.bits, args.features, args.legend, args.exposure)
     with options.naming(args):
         scene = prepare(options.load_scene(args))
         _check_legend(args, scene.scene)
@@ -160,7 +173,7 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any]) ->
     # The camera can only be the file's own.
     with options.naming(args, "camera:"), watch.watching(args.quiet):
         image = render(scene, progress=watch, **settings)
-        image.save(output, bits=args.bits, legend=args.legend)
+        image.save(output, bits=args.bits, legend=args.legend, exposure=args.exposure)
     if image.stats.complete:
         if not args.quiet:
             print(f"{output}: {_summary(image)}", file=sys.stderr)
@@ -185,7 +198,8 @@ def _sequence(args: argparse.Namespace, output: str, settings: dict[str, Any]) -
     fps = {} if args.fps is None else {"fps": args.fps}
     start, watch, image = time.perf_counter(), _Watch(), None
     try:
-        to_write = {"bits": args.bits, "features": args.features, "legend": args.legend} | fps
+        names = ("bits", "features", "legend", "exposure")
+        to_write = {name: getattr(args, name) for name in names} | fps
         with opened(output, **to_write) as taker:
             with options.naming(args):
                 images = make(args, output if film else None, settings, watch)
