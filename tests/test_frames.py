@@ -345,9 +345,9 @@ def test_pictures_of_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     ("words", "told"),
     [
         ("a.xyz --frames 9:", "a.xyz: of 6 frames none is in 9:"),
-        ("a.xyz --frames 9", "a.xyz: frames '9': a slice such as"),
+        ("a.xyz --frames 9", "a.xyz: --frames '9': a slice such as"),
         ("a.xyz --frames : --turntable 3", "--turntable and --frames are two sequences"),
-        ("a.xyz --frames : --frame 2", "the option 'frame' is of one frame"),
+        ("a.xyz --frames : --frame 2", "the option '--frame' is of one frame; give --frames or"),
         ("a.xyz --frames : --color-by speed", "unknown field to colour by 'speed'"),
         ("--frames :", "--frames needs a file"),
     ],

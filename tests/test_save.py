@@ -822,7 +822,11 @@ def test_convert_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         (["a.json", "b.png"], "b.png: unknown ending of a scene to write '.png' (choices: "),
         (["a.json", "b.ply"], "has copies of cylinders"),
         (["a.json", "x/b.json"], "b.json: cannot be written: No such file or directory"),
-        (["a.json", "b.json", "--time", "3"], "the option 'time' is not for Parhelion scene"),
+        (
+            ["a.json", "b.json", "-D", "a=b"],
+            "'-D' is not for Parhelion scene files (choices: --strict",
+        ),
+        (["a.json", "b.json", "--time", "3"], "the option '--time' is not for Parhelion scene"),
     ):
         paths = [str(tmp_path / w) for w in words[:2]]
         assert cli.main(["convert", *paths, *words[2:]]) == 2

@@ -5,8 +5,13 @@ Every text says what was wrong, where (file, object, element) and what the choic
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from difflib import get_close_matches
+
+# What options are called where they are not called as in Python
+_SPELLED: ContextVar[Mapping[str, str] | None] = ContextVar("spelled", default=None)
 
 # Characters in a line of a message: beyond that it quotes a file at length
 _LONGEST = 1000
@@ -45,6 +50,21 @@ def plain(text: str) -> str:
         ]
     half = _LONGEST // 2
     return "\n".join(n if len(n) <= _LONGEST else f"{n[:half]}...{n[-half:]}" for n in lines)
+
+
+def option(name: str) -> str:
+    """An option's name as the user knows it: that of Python or, on the command line, the flag."""
+    return (_SPELLED.get() or {}).get(name, name)
+
+
+@contextmanager
+def spelled(names: Mapping[str, str]) -> Iterator[None]:
+    """Errors that are made in the block call options by these names."""
+    token = _SPELLED.set(names)
+    try:
+        yield
+    finally:
+        _SPELLED.reset(token)
 
 
 def unknown_name(what: str, name: object, choices: Iterable[str]) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from . import cryptomatte
 from .atomic import is_special, replacing
-from .errors import FormatError, ResourceError, SceneError, unknown_name
+from .errors import FormatError, ResourceError, SceneError, option, unknown_name
 from .scene import Camera, ColorBar, Settings, Swatches
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ def checked_legend(legend: ColorBar | Swatches | None) -> ColorBar | Swatches:
     if legend is None:
         raise SceneError(
             "there is no legend: the scene's colours stand for nothing; particles and meshes may be"
-            " coloured by a field (color_by)"
+            f" coloured by a field ({option('color_by')})"
         )
     return legend
 
@@ -255,7 +255,7 @@ def checked_exposure(exposure: Any) -> float:
         stops = np.nan
     if not abs(stops) <= _MOST_EXPOSURE:
         raise SceneError(
-            f"exposure is {exposure!r}; must be a number of stops,"
+            f"{option('exposure')} is {exposure!r}; must be a number of stops,"
             f" from {-_MOST_EXPOSURE:g} to {_MOST_EXPOSURE:g}"
         )
     return stops

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from . import cryptomatte, machine, memory, tables
-from .errors import ResourceError, SceneError, unknown_name
+from .errors import ResourceError, SceneError, option, unknown_name
 from .flatten import Flat, flatten
 from .framing import placed
 from .image import Image, RenderStats
@@ -188,11 +188,13 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
         except (TypeError, ValueError) as error:
             if isinstance(error, SceneError):
                 raise
-            raise SceneError("crop must be four numbers: x, y, width, height") from error
+            raise SceneError(
+                f"{option('crop')} must be four numbers: x, y, width, height"
+            ) from error
         if w < 1 or h < 1 or x + w > s.width or y + h > s.height:
             raise SceneError(
-                f"crop {x},{y},{w},{h} (x, y, width, height) does not lie within the picture,"
-                f" {s.width}x{s.height}"
+                f"{option('crop')} {x},{y},{w},{h} (x, y, width, height) does not lie within the"
+                f" picture, {s.width}x{s.height}"
             )
         s = replace(s, crop=(x, y, w, h))
     return s
@@ -269,7 +271,8 @@ def _check_memory(width: int, height: int, pixel_bytes: int) -> None:
     if free is not None and needed > free:
         raise ResourceError(
             f"not enough memory for a picture of {width}x{height}: it takes"
-            f" {needed / 2**30:.1f} GiB, and {free / 2**30:.1f} GiB are free; crop renders parts"
+            f" {needed / 2**30:.1f} GiB, and {free / 2**30:.1f} GiB are free;"
+            f" {option('crop')} renders parts"
         )
 
 
@@ -367,9 +370,9 @@ def _whole(name: str, value: Any, low: int, high: int) -> int:
     try:
         number = operator.index(value)
     except TypeError as error:
-        raise SceneError(f"{name} is {value!r}; must be a whole number") from error
+        raise SceneError(f"{option(name)} is {value!r}; must be a whole number") from error
     if not low <= number <= high:
-        raise SceneError(f"{name} is {number}; must lie in [{low}, {high}]")
+        raise SceneError(f"{option(name)} is {number}; must lie in [{low}, {high}]")
     return number
 
 
@@ -383,12 +386,12 @@ def _number(name: str, value: Any) -> float:
             return float(value)
     except (TypeError, ValueError, OverflowError):
         pass
-    raise SceneError(f"{name} is {value!r}; must be a number")
+    raise SceneError(f"{option(name)} is {value!r}; must be a number")
 
 
 def _flag(name: str, value: Any) -> bool:
     if not isinstance(value, (bool, np.bool_)):
-        raise SceneError(f"{name} is {value!r}; must be True or False")
+        raise SceneError(f"{option(name)} is {value!r}; must be True or False")
     return bool(value)
 
 
@@ -399,7 +402,7 @@ def _color(name: str, value: Any) -> Vec3:
     except (TypeError, ValueError):
         color = ()
     if len(color) != 3 or not all(0 <= c <= tables.LARGEST for c in color):
-        raise SceneError(f"{name} is {value!r}; must be three numbers >= 0, linear RGB")
+        raise SceneError(f"{option(name)} is {value!r}; must be three numbers >= 0, linear RGB")
     return color[0], color[1], color[2]
 
 
@@ -409,7 +412,7 @@ def _length(name: str, value: Any) -> float | None:
         return None
     number = _number(name, value)
     if not number > 0:
-        raise SceneError(f"{name} is {number}; must be > 0")
+        raise SceneError(f"{option(name)} is {number}; must be > 0")
     return number
 
 
@@ -419,7 +422,7 @@ def _pair(name: str, value: Any) -> tuple[float, float]:
     except (TypeError, ValueError) as error:
         if isinstance(error, SceneError):
             raise
-        raise SceneError(f"{name} is {value!r}; must be two numbers") from error
+        raise SceneError(f"{option(name)} is {value!r}; must be two numbers") from error
     return x, y
 
 
@@ -429,5 +432,5 @@ def _point(name: str, value: Any) -> Vec3:
     except (TypeError, ValueError) as error:
         if isinstance(error, SceneError):
             raise
-        raise SceneError(f"{name} is {value!r}; must be three numbers") from error
+        raise SceneError(f"{option(name)} is {value!r}; must be three numbers") from error
     return x, y, z

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Protocol
 
 from .atomic import taking_place
-from .errors import ResourceError, SceneError
+from .errors import ResourceError, SceneError, option
 from .image import check_output, check_place, checked_exposure
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def opened(
     except (TypeError, ValueError):
         rate = 0.0
     if not 0.01 <= rate <= 1000.0:
-        raise SceneError(f"fps is {fps!r}; must lie in [0.01, 1000]")
+        raise SceneError(f"{option('fps')} is {fps!r}; must lie in [0.01, 1000]")
     looks = {"legend": legend, "exposure": checked_exposure(exposure)}
     check_place(Path(name))
     program = _ffmpeg(name)

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from .. import __version__
-from ..errors import ParhelionError
+from ..errors import ParhelionError, spelled
 from . import convert, info, render, study
 
 COMMANDS = (render, convert, info, study)
@@ -44,7 +44,19 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(metavar="COMMAND", required=True)
     for command in COMMANDS:
         command.add(commands)
+    for added in commands.choices.values():
+        added.set_defaults(flags=_flags(added))
     return top
+
+
+def _flags(command: argparse.ArgumentParser) -> dict[str, str]:
+    """What the command's options are called, by their names in Python: --bond-length, -D."""
+    found: dict[str, str] = {}
+    for action in command._actions:
+        if action.option_strings:
+            long = [flag for flag in action.option_strings if flag.startswith("--")]
+            found[action.dest] = (long or action.option_strings)[0]
+    return found
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,7 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):  # a name may hold what the terminal can not show
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        code: int = args.run(args)
+        with spelled(args.flags):
+            code: int = args.run(args)
         if sys.stdout is not None:  # None: the process was started without one
             sys.stdout.flush()
         return code

@@ -37,7 +37,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from ..errors import FormatError, SceneError, unknown_name
+from ..errors import FormatError, SceneError, option, unknown_name
 from ..scene import Scene
 
 # suffix -> module; the one list that a new format is added to
@@ -131,7 +131,7 @@ class LoadOptions:
         for name in ("frame", "time"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, Real) and isfinite(value)):
-                raise SceneError(f"{name} is {value!r}; must be a number")
+                raise SceneError(f"{option(name)} is {value!r}; must be a number")
         if self.ground is not None and not isinstance(self.ground, bool):
             raise SceneError(f"ground is {self.ground!r}; must be True, False or None")
         if self.environment is not None and not isinstance(self.environment, (str, os.PathLike)):
@@ -142,7 +142,7 @@ class LoadOptions:
             and len(ends) == 2
             and all(isinstance(end, Real) for end in ends)
         ):
-            raise SceneError(f"color_range is {ends!r}; must be two numbers")
+            raise SceneError(f"{option('color_range')} is {ends!r}; must be two numbers")
 
 
 def load(
@@ -202,7 +202,9 @@ def resolved(
     try:
         check_options(options, module.OPTIONS, f"{module.NAME} files")
         if options.frame != int(options.frame) and not getattr(module, "TIME_CODES", False):
-            raise SceneError(f"frame is {options.frame}; {module.NAME} files have whole ones")
+            raise SceneError(
+                f"{option('frame')} is {options.frame}; {module.NAME} files have whole ones"
+            )
     except SceneError as error:
         raise FormatError(f"{file}: {error}") from None
     return file, module, options
@@ -211,10 +213,11 @@ def resolved(
 def check_options(options: LoadOptions, known: Sequence[str], what: str) -> None:
     """Raises SceneError for an option that was given and is neither known nor EVERY_FORMAT's."""
     known = (*known, *EVERY_FORMAT)
-    for option in fields(LoadOptions):
-        if option.name not in known and getattr(options, option.name) != _default(option):
+    for given in fields(LoadOptions):
+        if given.name not in known and getattr(options, given.name) != _default(given):
+            choices = ", ".join(map(option, known))
             raise SceneError(
-                f"the option {option.name!r} is not for {what} (choices: {', '.join(known)})"
+                f"the option {option(given.name)!r} is not for {what} (choices: {choices})"
             )
 
 
@@ -265,6 +268,6 @@ def _module(ending: str, file: Path) -> Any:
     return module
 
 
-def _default(option: Field[Any]) -> Any:
-    made = option.default_factory
-    return option.default if made is MISSING else made()
+def _default(given: Field[Any]) -> Any:
+    made = given.default_factory
+    return given.default if made is MISSING else made()

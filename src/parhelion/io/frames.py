@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import FormatError, SceneError
+from ..errors import FormatError, SceneError, option
 from ..framing import hull
 from ..particles import Labels, Particles, neighbour_distance, swatches, to_scene
 from ..scene import ColorBar, Framing, Scene, Shape, Spheres, Swatches, Vec3
@@ -44,7 +44,8 @@ def load_frames(
             f"{file}: frames of {module.NAME} files are not read (choices: {', '.join(_known())})"
         )
     if chosen.frame != 0:
-        raise SceneError("the option 'frame' is of one frame; give frames or frame")
+        one, many = option("frame"), option("frames")
+        raise SceneError(f"the option {one!r} is of one frame; give {many} or {one}")
     return Frames(file, module, chosen, _slice(frames))
 
 
@@ -218,7 +219,7 @@ def _slice(frames: str | slice) -> slice:
         numbers = []
     if len(numbers) not in (2, 3) or numbers[2:] == [0]:
         raise SceneError(
-            f"frames {frames!r}: a slice such as 10:, :100:5 or ::-1 is needed, or all"
+            f"{option('frames')} {frames!r}: a slice such as 10:, :100:5 or ::-1 is needed, or all"
         )
     return slice(*numbers)
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import particles
-from ..errors import FormatError, SceneError, unknown_name
+from ..errors import FormatError, SceneError, option, unknown_name
 from ..scene import ColorBar, Material, Mesh, Scene, Texture
 from ..studio import axis, framing
 from . import COMPRESSED, LoadOptions
@@ -81,7 +81,7 @@ def colored(data: MeshData, options: LoadOptions) -> MeshData:
         if name in ("color_by", "colormap", "color_range"):
             continue
         if getattr(options, name) != getattr(LoadOptions(), name):
-            raise SceneError(f"the option {name!r} is for particles; this is a mesh")
+            raise SceneError(f"the option {option(name)!r} is for particles; this is a mesh")
     if options.color_by is None:
         return data
     key, values = _field(data, options.color_by)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SceneError
+from ..errors import SceneError, option
 from ..scene import Cylinders, Disks, Material, Solid
 from .boxes import Box, fractions, reduced, widths
 
@@ -65,7 +65,7 @@ def by_distance(
         if total > _MOST_BONDS * count + 1000:
             raise SceneError(
                 f"there are more than {_MOST_BONDS} bonds a particle within {cutoff:g}; are the"
-                " positions in angstrom, or should bond_length be shorter?"
+                f" positions in angstrom, or should {option('bond_length')} be shorter?"
             )
     first = np.concatenate([a for a, _ in found]) if found else np.empty(0, np.intp)
     second = np.concatenate([b for _, b in found]) if found else np.empty(0, np.intp)
@@ -150,7 +150,8 @@ def _near(
     if total > most:
         raise SceneError(
             f"the particles are too dense for bonds within {cutoff:g}: there are {total} pairs to"
-            " look at; are the positions in angstrom, or should bond_length be shorter?"
+            " look at; are the positions in angstrom, or should"
+            f" {option('bond_length')} be shorter?"
         )
     for start, end in runs:
         counts = end - start

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SceneError, unknown_name
+from ..errors import SceneError, option, unknown_name
 from ..scene import Instances, Material, Scene, Shape, Spheres
 from ..studio import framing
 from . import elements
@@ -51,11 +51,13 @@ def to_scene(particles: Particles, options: LoadOptions, name: str) -> Scene:
     if options.style not in STYLES:
         raise SceneError(unknown_name("style", options.style, STYLES))
     if options.style == "spheres" and options.bond_length is not None:
-        raise SceneError("bond_length needs a style with bonds: ball-and-stick or licorice")
+        raise SceneError(
+            f"{option('bond_length')} needs a style with bonds: ball-and-stick or licorice"
+        )
     if particles.box is None and (options.box or options.wrap):
         raise SceneError("there is no box to draw, or to wrap particles into")
     if particles.copies and options.wrap:
-        raise SceneError("wrap would tear apart what an assembly puts together")
+        raise SceneError(f"{option('wrap')} would tear apart what an assembly puts together")
     if particles.copies and particles.glyphs is not None:
         raise SceneError("copies are of spheres and bonds, not of other bodies")
     if particles.box is not None and options.wrap:
@@ -124,7 +126,7 @@ def _radii(particles: Particles, wanted: float | str | None, style: str) -> tupl
     if wanted in tables:
         if particles.elements is None:
             raise SceneError(
-                f"radius {wanted!r} needs elements, which are not known; give a number"
+                f"{option('radius')} {wanted!r} needs elements, which are not known; give a number"
             )
         table = tables[str(wanted)].astype(np.float32)
         radii: Floats = particles.elements.each(table[atomic_numbers(particles.elements)])
@@ -153,7 +155,7 @@ def _radii(particles: Particles, wanted: float | str | None, style: str) -> tupl
 def _positive(what: str, value: float) -> float:
     """A length that the user gave. Raises SceneError."""
     if not (isinstance(value, (int, float)) and SMALLEST < value <= FARTHEST):
-        raise SceneError(f"{what} {value!r} is not a positive number of single precision")
+        raise SceneError(f"{option(what)} {value!r} is not a positive number of single precision")
     return value
 
 
@@ -215,8 +217,8 @@ def _bonds(particles: Particles, options: LoadOptions) -> tuple[Indices, Floats]
             return pairs, ways
     if particles.elements is None:
         raise SceneError(
-            f"style {options.style!r} needs bonds: there are none, and no elements that tell of"
-            " them; give bond_length"
+            f"{option('style')} {options.style!r} needs bonds: there are none, and no elements that"
+            f" tell of them; give {option('bond_length')}"
         )
     numbers = particles.elements.each(atomic_numbers(particles.elements))
     reach = np.where(numbers > 0, elements.COVALENT_RADII[numbers] + 0.5 * TOLERANCE, 0.0)

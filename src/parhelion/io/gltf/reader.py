@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import unknown_name
+from ...errors import option, unknown_name
 from ...scene import Curves, Instances, Mesh, Scene, Shape, Solid, Spheres
 from .. import LoadOptions
 from . import accessors, lights, meshes, nodes, schema
@@ -38,7 +38,8 @@ class Reader:
         """The whole scene. Raises FormatError."""
         s = self.source
         if self.options.time is not None and not s.document.animations:
-            raise s.error(f"the option 'time' is {self.options.time:g}; the file has no animations")
+            name, time = option("time"), self.options.time
+            raise s.error(f"the option {name!r} is {time:g}; the file has no animations")
         tree = nodes.read(s, self.options.time)
         placed = self._placed(tree)
         shapes = self._shapes(placed)
