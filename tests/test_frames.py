@@ -96,7 +96,7 @@ def test_frames_that_are_not_there(tmp_path: Path, which: str, told: str) -> Non
 
 def test_a_format_without_frames(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text("{}")
-    known = r"choices: \.xyz, \.extxyz, \.dump, \.lammpstrj, \.gsd, \.pdb, \.gro"
+    known = r"choices: \.xyz, .*\.gro, \.gltf, \.glb, \.usd, \.usda, \.usdc, \.usdz"
     with pytest.raises(ph.FormatError, match=rf"frames of .* files are not read \({known}\)"):
         load_frames(tmp_path / "a.json")
     (tmp_path / "a.xyz").write_text(xyz(moving()))

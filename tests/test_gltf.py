@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 import parhelion as ph
 from parhelion.errors import FormatError, SceneError
+from parhelion.framing import placed
 from parhelion.image import encoded, is_encoded, read_pixels
 from parhelion.io import LoadOptions, load
 from parhelion.io.gltf import meshopt, schema
@@ -355,6 +356,93 @@ def test_animated_rotations_and_weights(read: Any) -> None:
     c = math.sqrt(0.5)
     turned = (TRIANGLE + 2) @ np.array([[c, c, 0], [-c, c, 0], [0, 0, 1]])
     assert_allclose(triangles(read(f, time=1.0).shapes[0])[0], turned, atol=1e-6)
+
+
+def moving() -> File:
+    """A triangle that goes from x = 0 at 1 s to x = 4 at 2 s, and something that is not read."""
+    f = File()
+    f.add("nodes", mesh=f.mesh())
+    sampler = {"input": f.array(np.array([1, 2], np.float32)),
+               "output": f.array(np.array([[0, 0, 0], [4, 0, 0]], np.float32))}  # fmt: skip
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    f.add("animations", samplers=[sampler], channels=[channel])
+    f.json["extensionsUsed"] = ["VENDOR_unheard_of"]
+    return f
+
+
+@pytest.mark.parametrize(
+    ("which", "fps", "times", "rate"),
+    [
+        ("all", 4, [1, 1.25, 1.5, 1.75, 2], 4),
+        (":", None, np.arange(31) / 30 + 1, 30),
+        ("0:3:0.5", None, [0, 0.5, 1, 1.5, 2, 2.5], 2),
+        ("1.9::0.1", 24, [1.9, 2.0], 24),
+        ("::-0.5", None, [2, 1.5, 1], 2),
+        (slice(None, 1.5), 8, [1, 1.125, 1.25, 1.375], 8),
+    ],
+)
+def test_frames_are_times(
+    tmp_path: Path, which: Any, fps: float | None, times: Any, rate: float
+) -> None:
+    path = tmp_path / "a.gltf"
+    path.write_bytes(moving().text())
+    frames = ph.load_frames(path, which, fps=fps)
+    assert_allclose(frames.numbers, times)
+    assert frames.fps == pytest.approx(rate)
+    for scene, time in zip(frames, times, strict=True):
+        x = 4 * min(max(time - 1, 0), 1)
+        assert_allclose(triangles(scene.shapes[0])[0] - [x, 0, 0], TRIANGLE, atol=1e-6)
+        assert scene.name == f"a.gltf, time {time:g}"
+
+
+def test_what_frames_have_in_common(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "a.gltf"
+    f = moving()
+    path.write_bytes(f.text())
+    scenes = list(ph.load_frames(path, "::0.5", LoadOptions(ground=True)))
+    assert len(caplog.records) == 1  # not once a frame
+    assert [s.name for s in scenes[0].shapes] == ["mesh 0", "key light", "ground"]
+    assert len({placed(scene, 1.5) for scene in scenes}) == 1
+    view = scenes[0].camera
+    assert isinstance(view, ph.Framing)
+    alone = ph.Framing(view.direction, view.up, view.vfov, view.fill)
+    best = placed(ph.Scene([scene.shapes[0] for scene in scenes], camera=alone), 1.5)
+    assert_allclose(placed(scenes[0], 1.5).eye, best.eye, atol=0.05)
+    for scene in scenes[1:]:
+        assert scene.shapes[1:] == scenes[0].shapes[1:]
+        assert scene.materials == scenes[0].materials
+    f.add("cameras", type="perspective", perspective={"yfov": 0.5, "znear": 0.1})
+    f.add("nodes", camera=0)
+    f.json["animations"][0]["channels"][0]["target"]["node"] = 1
+    path.write_bytes(f.text())
+    eyes = [scene.camera.eye[0] for scene in ph.load_frames(path, "::0.5")]
+    assert_allclose(eyes, [0, 2, 4])
+    framed = list(ph.load_frames(path, "::0.5", LoadOptions(view="top")))
+    assert framed[0].camera == framed[1].camera
+
+
+def test_frames_that_are_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.gltf"
+    path.write_bytes(moving().text())
+    for which, told in (
+        ("3:", "no seconds are in 3:; there are 1 to 2"),
+        ("5", "frames '5': a range of seconds such as 10:, :100:5 or 1:2:0.5 is needed, or all"),
+        ("1:2:0", "a range of seconds"),
+        ("1:b", "a range of seconds"),
+        ("0:inf", "a range of seconds"),
+        ("0:1:1e-9", r"1e\+09 frames are too many; there may be 1000000"),
+    ):
+        with pytest.raises(SceneError, match=told):
+            ph.load_frames(path, which)
+    with pytest.raises(SceneError, match="the option 'time' is of one frame"):
+        ph.load_frames(path, ":", LoadOptions(time=1.0))
+    with pytest.raises(SceneError, match=r"fps is 0; must lie in \[0.01, 1000\]"):
+        ph.load_frames(path, fps=0)
+    still = moving()
+    del still.json["animations"]
+    path.write_bytes(still.text())
+    with pytest.raises(FormatError, match=r"a\.gltf: has no animations, and so no frames"):
+        ph.load_frames(path)
 
 
 def test_nodes_outside_of_the_scene_are_not_seen(read: Any) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import os
 import re
 import shutil
@@ -324,6 +326,45 @@ def only_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+def test_a_film_plays_at_the_speed_of_its_file(
+    tmp_path: Path, only_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fake_ffmpeg(only_path)
+    keys = np.array([0, 1, 0, 0, 5, 0, 0, 9], "<f4").tobytes()
+    number = {"bufferView": 0, "componentType": 5126, "count": 2}
+    lens = {"yfov": 1, "znear": 1, "aspectRatio": 2}
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    document = {
+        "asset": {"version": "2.0"},
+        "nodes": [{"camera": 0}],
+        "cameras": [{"type": "perspective", "perspective": lens}],
+        "buffers": [
+            {"byteLength": 32, "uri": f"data:;base64,{base64.b64encode(keys).decode()}"},
+        ],
+        "bufferViews": [{"buffer": 0, "byteLength": 32}],
+        "accessors": [
+            number | {"type": "SCALAR"},
+            number | {"type": "VEC3", "byteOffset": 8},
+        ],
+        "animations": [{"samplers": [{"input": 0, "output": 1}], "channels": [channel]}],
+    }
+    (tmp_path / "a.gltf").write_text(json.dumps(document))
+    words = ["render", str(tmp_path / "a.gltf"), "--width", "32", "--spp", "1"]
+    film = str(tmp_path / "a.mp4")
+    assert cli.main([*words, "--frames", "::0.25", "-o", film]) == 0
+    assert "-framerate\n4\n" in (only_path / "words").read_text()
+    assert len(Path(film).read_bytes()) == 5 * 32 * 16 * 3
+    # as many pictures a second as are asked for, of a film or not
+    assert cli.main([*words, "--frames", "all", "--fps", "2", "-o", film]) == 0
+    assert len(Path(film).read_bytes()) == 3 * 32 * 16 * 3
+    png = str(tmp_path / "a.png")
+    assert cli.main([*words, "--frames", "all", "--fps", "2", "-o", png]) == 0
+    assert sorted(tmp_path.glob("*.png")) == [tmp_path / f"a.000{k}.png" for k in (1, 2, 3)]
+    capsys.readouterr()
+    assert cli.main([*words, "--frames", "::0.5", "--fps", "2", "-o", png]) == 2
+    assert "a.png: --fps is for films: .mp4" in capsys.readouterr().err
+
+
 def turn_of(count: int, width: int = 16, height: int = 16) -> Any:
     return ph.turntable(cloud(), count, width=width, height=height, spp=1)
 
@@ -390,6 +431,10 @@ def test_the_size_of_a_film_is_checked_before_rendering(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fake_ffmpeg(tmp_path / "bin")
+    # what the user does not say is made even: 30 x 16.875
+    words = ["render", "--turntable", "2", "--width", "30", "--spp", "1", "-q"]
+    assert cli.main([*words, "-o", str(tmp_path / "b.mp4")]) == 0
+    assert len((tmp_path / "b.mp4").read_bytes()) == 2 * 30 * 18 * 3
     words = ["render", "--turntable", "2", "--width", "32", "--height", "17"]
     assert cli.main([*words, "--spp", "100000000", "-o", str(tmp_path / "a.mp4")]) == 2
     assert "a film needs an even width and height, and pictures are 32x17" in (

@@ -744,6 +744,69 @@ def test_a_missing_file_is_told(tmp_path: Path) -> None:
         read(tmp_path, body, strict=True)
 
 
+# --- Sequences -----------------------------------------------------------------------------------
+
+RANGE = "startTimeCode = -2\nendTimeCode = 2\ntimeCodesPerSecond = 12\n"
+MOVING = """
+def Sphere "S" { double radius = 0.5
+double3 xformOp:translate.timeSamples = { -2: (-2, 0, 0), 2: (2, 0, 0) }
+uniform token[] xformOpOrder = ["xformOp:translate"] }
+"""
+
+
+@pytest.mark.parametrize(
+    ("which", "times", "rate"),
+    [
+        ("all", [-2, -1, 0, 1, 2], 12),
+        ("::2", [-2, 0, 2], 6),
+        ("-1:1:0.5", [-1, -0.5, 0, 0.5], 24),
+        ("::-4", [2, -2], 3),
+    ],
+)
+def test_frames_are_time_codes(tmp_path: Path, which: str, times: Any, rate: float) -> None:
+    path = write(tmp_path, MOVING, RANGE)
+    frames = ph.load_frames(path, which)
+    assert (frames.numbers, frames.fps) == (times, rate)
+    for scene, time in zip(frames, times, strict=True):
+        np.testing.assert_allclose(named(scene)["/S"].centers, [(time, 0, 0)])
+        assert scene.camera == next(iter(frames)).camera
+        assert scene.name == f"a.usda, frame {time:g}"
+    assert ph.load_frames(path, which, fps=5).fps == 5
+
+
+def test_frames_with_a_camera_and_light(tmp_path: Path) -> None:
+    camera = """def Camera "C" {
+double3 xformOp:translate.timeSamples = { 0: (0, 0, 5), 2: (0, 0, 9) }
+uniform token[] xformOpOrder = ["xformOp:translate"] }
+def DomeLight "D" { float inputs:intensity.timeSamples = { 0: 1, 2: 3 } }
+"""
+    scenes = list(ph.load_frames(write(tmp_path, MOVING + camera, RANGE), "0:3:2"))
+    assert [scene.camera.eye[2] for scene in scenes] == [5, 9]
+    first, second = (scene.background for scene in scenes)
+    assert first is not None
+    assert second is not None
+    assert first != second
+    assert [list(named(scene)) for scene in scenes] == [["/S"], ["/S"]]
+
+
+def test_a_light_that_comes_later_is_no_reason_for_another(tmp_path: Path) -> None:
+    lamp = """def SphereLight "L" {
+token visibility.timeSamples = { -2: "invisible", 0: "inherited" } }
+"""
+    scenes = list(ph.load_frames(write(tmp_path, MOVING + lamp, RANGE), "::2"))
+    assert [len(scene.shapes) for scene in scenes] == [1, 2, 2]
+    assert {scene.background for scene in scenes} == {None}
+
+
+def test_stages_that_do_not_say_their_range(tmp_path: Path) -> None:
+    path = write(tmp_path, MOVING)
+    with pytest.raises(ph.FormatError, match="its first and last time; frames needs both, as in"):
+        ph.load_frames(path)
+    assert ph.load_frames(path, "0:3").numbers == [0, 1, 2]
+    with pytest.raises(ph.FormatError, match=r"a\.usda: no time codes are in 3:0"):
+        ph.load_frames(path, "3:0")
+
+
 # --- Scenes of others ----------------------------------------------------------------------------
 
 

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Protocol
 
 from .atomic import taking_place
-from .errors import ResourceError, SceneError, option
+from .errors import ResourceError, SceneError
 from .image import check_output, check_place, checked_exposure
+from .io.frames import FPS, checked_fps
 
 if TYPE_CHECKING:
     from .image import Image
@@ -49,7 +50,7 @@ def save_sequence(
     images: Iterable[Image],
     path: str | os.PathLike[str],
     *,
-    fps: float = 30.0,
+    fps: float = FPS,
     bits: int | None = None,
     legend: bool = False,
     exposure: float = 0.0,
@@ -76,7 +77,7 @@ def save_sequence(
 def opened(
     path: str | os.PathLike[str],
     *,
-    fps: float = 30.0,
+    fps: float = FPS,
     bits: int | None = None,
     features: bool = False,
     legend: bool = False,
@@ -87,24 +88,12 @@ def opened(
     If the block ends with an exception, files of pictures stay, and a film does not appear. Raises
     as save_sequence() does.
     """
-    name = os.fspath(path)
-    if Path(name).suffix.lower() != FILM:
-        check_output(numbered(name, 1), bits, features, legend, exposure)
+    name, rate = os.fspath(path), checked_fps(fps)
+    program = check_sequence(path, bits=bits, features=features, legend=legend, exposure=exposure)
+    if program is None:
         yield _Files(name, {"bits": bits, "legend": legend, "exposure": exposure})
         return
-    if bits not in (None, 8):
-        raise SceneError(f"{name}: {FILM} cannot hold {bits} bits a channel (choices: 8)")
-    if features:
-        raise SceneError(f"{name}: {FILM} cannot hold features (choices: .exr)")
-    try:
-        rate = float(fps)
-    except (TypeError, ValueError):
-        rate = 0.0
-    if not 0.01 <= rate <= 1000.0:
-        raise SceneError(f"{option('fps')} is {fps!r}; must lie in [0.01, 1000]")
-    looks = {"legend": legend, "exposure": checked_exposure(exposure)}
-    check_place(Path(name))
-    program = _ffmpeg(name)
+    looks = {"legend": legend, "exposure": exposure}
     with tempfile.TemporaryFile() as said, taking_place(Path(name)) as temporary:
         film = _Film(name, program, rate, temporary, said, looks)
         try:
@@ -112,6 +101,31 @@ def opened(
             film.finish()
         finally:
             film.stop()
+
+
+def check_sequence(
+    path: str | os.PathLike[str],
+    *,
+    bits: int | None = None,
+    features: bool = False,
+    legend: bool = False,
+    exposure: float = 0.0,
+) -> str | None:
+    """Raises what opened() does for what cannot be written there.
+
+    Returns the program that makes the film, None for files of pictures.
+    """
+    name = os.fspath(path)
+    if Path(name).suffix.lower() != FILM:
+        check_output(numbered(name, 1), bits, features, legend, exposure)
+        return None
+    if bits not in (None, 8):
+        raise SceneError(f"{name}: {FILM} cannot hold {bits} bits a channel (choices: 8)")
+    if features:
+        raise SceneError(f"{name}: {FILM} cannot hold features (choices: .exr)")
+    checked_exposure(exposure)
+    check_place(Path(name))
+    return _ffmpeg(name)
 
 
 def numbered(name: str, number: int) -> str:

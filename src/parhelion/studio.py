@@ -118,7 +118,7 @@ def dressed(
         scene = scene.replace(
             background=Background("envmap", image=environment, transform=turn.tolist())
         )
-    dark = bare and _dark(scene, glow)
+    dark = bare and is_dark(scene, glow)
     if ground is None:
         stands = any(isinstance(shape, standing) for shape in scene.shapes)
         ground = dark and stands and _above(scene, up)
@@ -217,7 +217,8 @@ def _most(value: object) -> float:
     return float(np.prod(parts)) if value.type == "multiply" else max(parts, default=1.0)
 
 
-def _dark(scene: Scene, glow: float) -> bool:
+def is_dark(scene: Scene, glow: float = 0.0) -> bool:
+    """Whether it has no light; glow: as of dressed()."""
     if scene.lights or scene.background is not None:
         return False
     return not any(_shines(m, glow) for m in _materials(scene, scene.shapes))

@@ -105,11 +105,15 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     sequence.add_argument(
         "--frames",
         metavar="A:B:STEP",
-        help="a picture of each of these frames of a trajectory, counted from 0, as in Python's"
-        " slices: all, 100:, ::10, =-5: for the last five",
+        help="a picture of each of these frames, as in Python's slices: of a trajectory counted"
+        " from 0 (all, 100:, ::10, =-5: for the last five), of USD time codes, of glTF seconds",
     )
     sequence.add_argument(
-        "--fps", type=float, metavar="RATE", help="pictures of a film a second; default: 30"
+        "--fps",
+        type=float,
+        metavar="RATE",
+        help="pictures a second, of a film and of glTF's animations; default: the speed of the"
+        " file, else 30",
     )
     work = p.add_argument_group("work (the picture does not depend on these)")
     work.add_argument(
@@ -187,28 +191,32 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any]) ->
 
 def _sequence(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
     """Writes whole pictures only; 130 if it was stopped."""
-    from ..sequence import FILM, opened
+    from ..io.frames import checked_fps
+    from ..sequence import FILM, check_sequence, opened
 
     film = output.lower().endswith(FILM)
-    if args.fps is not None and not film:
-        raise SceneError(f"{output}: --fps is for films: {FILM}")
     if args.turntable is not None and args.frames is not None:
         raise SceneError("--turntable and --frames are two sequences; give one of them")
+    if args.fps is not None:
+        checked_fps(args.fps)
+    names = ("bits", "features", "legend", "exposure")
+    to_write = {name: getattr(args, name) for name in names}
+    check_sequence(output, **to_write)  # before the scene is read, which may take long
     make = _turntable if args.frames is None else _frames
-    fps = {} if args.fps is None else {"fps": args.fps}
     start, watch, image = time.perf_counter(), _Watch(), None
+    with options.naming(args):
+        images, fps = make(args, output, film, settings, watch)
     try:
-        names = ("bits", "features", "legend", "exposure")
-        to_write = {name: getattr(args, name) for name in names} | fps
-        with opened(output, **to_write) as taker:
-            with options.naming(args):
-                images = make(args, output if film else None, settings, watch)
-            with options.naming(args, "camera:"), watch.watching(args.quiet):
-                for image in images:
-                    if not image.stats.complete:
-                        raise _Stopped
-                    taker.add(image)
-                    watch.add(image)
+        with (
+            opened(output, fps=fps, **to_write) as taker,
+            options.naming(args, "camera:"),
+            watch.watching(args.quiet),
+        ):
+            for image in images:
+                if not image.stats.complete:
+                    raise _Stopped
+                taker.add(image)
+                watch.add(image)
     except _Stopped:
         done = f"stopped after {watch.done} of {watch.count} pictures"
         left = f"; {output} was not written" if film else ""
@@ -227,33 +235,36 @@ class _Stopped(Exception):
 
 
 def _turntable(
-    args: argparse.Namespace, film: str | None, settings: dict[str, Any], watch: _Watch
-) -> Iterable[Image]:
-    """The pictures of a turn. film: the name of one to be made of them."""
+    args: argparse.Namespace, output: str, film: bool, settings: dict[str, Any], watch: _Watch
+) -> tuple[Iterable[Image], float]:
+    """The pictures of a turn, and how many are shown a second."""
+    from ..io.frames import FPS
     from ..orbit import turntable
 
+    _check_fps(args, output, film)
     scene = options.load_scene(args)
     _check_legend(args, scene)
-    _check_film(film, scene.settings, settings)
+    _check_film(output, film, scene.settings, settings)
     watch.count = args.turntable
-    return turntable(scene, args.turntable, progress=watch, **settings)
+    fps = FPS if args.fps is None else args.fps
+    return turntable(scene, args.turntable, progress=watch, **settings), fps
 
 
 def _frames(
-    args: argparse.Namespace, film: str | None, settings: dict[str, Any], watch: _Watch
-) -> Iterable[Image]:
-    """The pictures of a trajectory's frames."""
+    args: argparse.Namespace, output: str, film: bool, settings: dict[str, Any], watch: _Watch
+) -> tuple[Iterable[Image], float]:
+    """The pictures of a file's frames, and how many are shown a second."""
     from ..io.frames import load_frames
     from ..renderer import render
-    from ..scene import Settings
 
     if args.scene is None:
         raise SceneError("--frames needs a file")
-    _check_film(film, Settings(), settings)
-    scenes = load_frames(args.scene, args.frames, options.load_options(args))
+    scenes = load_frames(args.scene, args.frames, options.load_options(args), fps=args.fps)
+    _check_fps(args, output, film or scenes.sampled)
+    _check_film(output, film, scenes.settings, settings)
     _check_legend(args, scenes)
     watch.count = len(scenes)
-    return (render(scene, progress=watch, **settings) for scene in scenes)
+    return (render(scene, progress=watch, **settings) for scene in scenes), scenes.fps
 
 
 def _check_legend(args: argparse.Namespace, scene: Scene | Frames) -> None:
@@ -264,16 +275,32 @@ def _check_legend(args: argparse.Namespace, scene: Scene | Frames) -> None:
         checked_legend(scene.legend)
 
 
-def _check_film(film: str | None, base: Settings, settings: dict[str, Any]) -> None:
-    """Raises SceneError for pictures that no film can be made of, before there are any."""
+def _check_fps(args: argparse.Namespace, output: str, matters: bool) -> None:
+    """Raises SceneError for a rate that nothing depends on."""
+    from ..sequence import FILM
+
+    if args.fps is not None and not matters:
+        raise SceneError(f"{output}: --fps is for films: {FILM}")
+
+
+def _check_film(output: str, film: bool, base: Settings, settings: dict[str, Any]) -> None:
+    """Makes the size of a film's pictures even where the user does not say it.
+
+    Raises SceneError for pictures that no film can be made of, before there are any.
+    """
     from ..renderer import merged
     from ..sequence import check_film_size
 
-    if film is not None:
+    if film:
         known = {f.name for f in fields(base)}
         wanted = merged(base, {k: v for k, v in settings.items() if k in known})
+        if wanted.crop is None:
+            for name in ("width", "height"):
+                own = getattr(wanted, name)
+                settings[name] = own + own % 2 if settings[name] is None else own
+            wanted = merged(wanted, {name: settings[name] for name in ("width", "height")})
         size = wanted.crop[2:] if wanted.crop else (wanted.width, wanted.height)
-        check_film_size(film, *size)
+        check_film_size(output, *size)
 
 
 class _Watch:

@@ -14,6 +14,8 @@ A format module has these names:
     load(path: pathlib.Path, options: LoadOptions) -> Scene
     trajectory(path: pathlib.Path, options: LoadOptions) -> context manager of a text.Trajectory,
                 of particles, if its files have frames
+    timeline(path: pathlib.Path, options: LoadOptions) -> Timeline, if its files have a scene at
+                every time instead
 
 and raises FormatError, its text beginning with the path, for a file that it cannot read. Modules
 are imported only when a file of theirs is loaded.
@@ -28,7 +30,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, field, fields
 from importlib import import_module
@@ -143,6 +145,24 @@ class LoadOptions:
             and all(isinstance(end, Real) for end in ends)
         ):
             raise SceneError(f"{option('color_range')} is {ends!r}; must be two numbers")
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """The times of a file: what reads the scene at one, and which ones a film of it has.
+
+    option: the field of LoadOptions that is a time. unit: what it is in, for messages. per_second:
+    how many units pass in a second. step: units from one picture to the next; None for as many
+    pictures a second as are asked for. ends: the first and the last time; None if the file does
+    not say.
+    """
+
+    option: str
+    unit: str
+    per_second: float
+    step: float | None
+    ends: tuple[float, float] | None
+    read: Callable[[float], Scene]
 
 
 def load(

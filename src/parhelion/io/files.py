@@ -97,15 +97,17 @@ class Reports:
         self.path = path
         self.strict = strict
         self.lines: dict[str, None] = {}
+        self._told = 0
 
     def add(self, text: str) -> None:
         """Notes a feature; the text names it and says what is done instead."""
         self.lines.setdefault(plain(text))
 
     def tell(self) -> None:
-        """Logs all as warnings. Raises FormatError instead if the user is strict."""
+        """Logs what is new as warnings. Raises FormatError about all if the user is strict."""
         if self.lines and self.strict:
             lines = "".join(f"\n  {text}" for text in self.lines)
             raise FormatError(f"{self.path}: strict, and not all of it is supported:{lines}")
-        for text in self.lines:
+        for text in list(self.lines)[self._told :]:
             log.warning("%s: %s", self.path.name, text)
+        self._told = len(self.lines)

@@ -1,24 +1,43 @@
-"""The frames of a trajectory as scenes that make a film: of one view, light and set of colours."""
+"""The frames of a file as scenes that make a film: of one view, light and set of colours."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from math import ceil, floor, isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import FormatError, SceneError, option
-from ..framing import hull
+from ..framing import hull, subject
 from ..particles import Labels, Particles, neighbour_distance, swatches, to_scene
-from ..scene import ColorBar, Framing, Scene, Shape, Spheres, Swatches, Vec3
-from ..studio import dressed
-from . import FORMATS, LoadOptions, reading, resolved
+from ..scene import (
+    Camera,
+    ColorBar,
+    Framing,
+    Scene,
+    Settings,
+    Spheres,
+    Swatches,
+    Vec3,
+)
+from ..studio import dressed, framing, is_dark, up_of
+from . import FORMATS, LoadOptions, Timeline, reading, resolved
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+# Pictures a second, unless the file or the user says otherwise, and those that a film can have
+FPS = 30.0
+_LEAST_FPS, _MOST_FPS = 0.01, 1000.0
+# Pictures of a sequence of times; more are a slip of the pen.
+_MOST = 1_000_000
+# Times that are nearer to an end than this, in steps, are it: 0.1 is no binary number.
+_NEAR = 1e-6
 # Directions in which it is kept how far the frames reach; those between are off by 0.4 % at most.
 _DIRECTIONS = 512
 # Spheres whose distances along all directions are computed at a time.
@@ -29,36 +48,86 @@ def load_frames(
     path: str | os.PathLike[str],
     frames: str | slice = ":",
     options: LoadOptions | None = None,
+    *,
+    fps: float | None = None,
 ) -> Frames:
-    """The frames of a trajectory as scenes.
+    """The frames of a trajectory, or of an animated scene, as scenes.
 
-    frames: which, as a slice of Python's, or written as one: "10:", ":100:5", "::-1", or "all".
-    options: as of load(), but for `frame`. The file is read once here, for what all frames have in
-    common, and again when the scenes are asked for; one frame at a time is in memory.
+    frames: which, as a slice of Python's, or written as one: "10:", ":100:5", "::-1", or "all". Of
+    a trajectory frames are counted from 0. Of USD the numbers are time codes and of glTF seconds,
+    which need not be whole nor positive; what is left out are the file's first and last time, both
+    included, and steps of one time code, or of 1 / fps seconds. options: as of load(), but for
+    `frame` and `time`. fps: pictures a second; None for the file's speed, and 30 where it has none.
+
+    The file is read once here, for what all frames have in common, and again when the scenes are
+    asked for; one frame at a time is in memory.
 
     Raises FormatError for a file that is missing, broken or has no such frames.
     """
     file, module, chosen = resolved(path, options)
-    if not hasattr(module, "trajectory"):
+    if not hasattr(module, "trajectory") and not hasattr(module, "timeline"):
         raise FormatError(
             f"{file}: frames of {module.NAME} files are not read (choices: {', '.join(_known())})"
         )
-    if chosen.frame != 0:
-        one, many = option("frame"), option("frames")
-        raise SceneError(f"the option {one!r} is of one frame; give {many} or {one}")
-    return Frames(file, module, chosen, _slice(frames))
+    for name, rest in (("frame", 0), ("time", None)):
+        if getattr(chosen, name) != rest:
+            one, many = option(name), option("frames")
+            raise SceneError(f"the option {one!r} is of one frame; give {many} or {one}")
+    rate = None if fps is None else checked_fps(fps)
+    kind = _Trajectory if hasattr(module, "trajectory") else _Animation
+    return kind(file, module, chosen, frames, rate)
 
 
-class Frames:
-    """Scenes of a trajectory, made one by one when they are asked for; load_frames() makes it.
+def checked_fps(fps: Any) -> float:
+    """A rate of pictures. Raises SceneError for one that no film can have."""
+    try:
+        rate = float(fps)
+    except (TypeError, ValueError):
+        rate = 0.0
+    if not _LEAST_FPS <= rate <= _MOST_FPS:
+        raise SceneError(f"{option('fps')} is {fps!r}; must lie in [{_LEAST_FPS:g}, {_MOST_FPS:g}]")
+    return rate
 
-    numbers: of the frames in the file, from 0, in the order of the scenes.
 
-    All have the camera that shows every one of them whole, and the light, ground and, unless the
-    options say otherwise, radii and range of colours that go with it.
+class Frames(ABC):
+    """Scenes of a file's frames, made one by one when they are asked for; load_frames() makes it.
+
+    numbers: of a trajectory's frames, from 0, or an animation's times, in the order of the scenes.
+    fps: pictures a second at which they have the file's speed, or that which was asked for.
+    sampled: whether it is by that rate, rather than by the file, that there are so many. settings:
+    of the first scene, which all have.
+
+    All have the camera that shows every one of them whole, unless the file has its own, and the
+    light, ground and, unless the options say otherwise, radii and range of colours that go with it.
     """
 
-    def __init__(self, file: Any, module: Any, options: LoadOptions, which: slice) -> None:
+    numbers: Sequence[int] | Sequence[float]
+    fps: float
+    sampled = False
+    settings = Settings()
+    legend: ColorBar | Swatches | None = None
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[Scene]:
+        """The scenes, each read when it is asked for."""
+
+
+class _Trajectory(Frames):
+    """Of particles, all dressed alike."""
+
+    def __init__(
+        self,
+        file: Path,
+        module: Any,
+        options: LoadOptions,
+        frames: str | slice,
+        fps: float | None,
+    ) -> None:
+        which = _slice(frames)
+        self.fps = FPS if fps is None else fps
         self._file, self._module = file, module
         self._radius: float | None = None
         self._names: dict[str, list[str]] = {}
@@ -83,8 +152,7 @@ class Frames:
                     low, high = min(low, scene.legend.low), max(high, scene.legend.high)
                 elif scene.legend is not None:
                     kinds.update(scene.legend.kinds)
-                for shape in scene.shapes:
-                    reach.add(shape)
+                reach.add(pair for shape in scene.shapes for pair in hull(shape))
         assert first is not None
         if options.color_by is not None and low < high:
             self._options = replace(options, color_range=(low, high))
@@ -93,28 +161,8 @@ class Frames:
             legend = replace(legend, low=low, high=high)
         elif legend is not None:
             legend = swatches(legend.label, kinds)
-        about = reach.spheres()
-        stage = dressed(
-            first.replace(shapes=(about,)),
-            view=options.view,
-            environment=options.environment,
-            ground=options.ground,
-            bare=True,
-        )
-        assert isinstance(stage.camera, Framing)
-        self._stage = stage.replace(
-            legend=legend,
-            camera=replace(stage.camera, shapes=(about,)),
-            shapes=tuple(shape for shape in stage.shapes if shape is not about),
-        )
-
-    @property
-    def legend(self) -> ColorBar | Swatches | None:
-        """What the colours of all scenes stand for."""
-        return self._stage.legend
-
-    def __len__(self) -> int:
-        return len(self.numbers)
+        self.legend = legend
+        self._stage = _stage(first, reach, options, lit=True).replace(legend=legend)
 
     def __iter__(self) -> Iterator[Scene]:
         with reading(self._file), self._module.trajectory(self._file, self._options) as trajectory:
@@ -151,6 +199,91 @@ class Frames:
         return replace(particles, fields=fields, **changes) if self._names else particles
 
 
+class _Animation(Frames):
+    """Of a scene that has a pose at every time."""
+
+    def __init__(
+        self,
+        file: Path,
+        module: Any,
+        options: LoadOptions,
+        frames: str | slice,
+        fps: float | None,
+    ) -> None:
+        self._file = file
+        with reading(file):
+            self._timeline: Timeline = module.timeline(file, options)
+        step, self.numbers = _times(file, self._timeline, frames, FPS if fps is None else fps)
+        self.sampled = step is None
+        seconds = 1.0 / FPS if step is None else abs(step) / self._timeline.per_second
+        self.fps = fps if fps is not None else min(max(1.0 / seconds, _LEAST_FPS), _MOST_FPS)
+        bare, glow = getattr(module, "BARE", False), getattr(module, "GLOW", 0.0)
+        kinds, stands = getattr(module, "GROUND", ()), False
+        first = self._read(self.numbers[0])
+        self.settings = first.settings
+        lit = bare and options.environment is None and is_dark(first, glow)
+        self._own_camera = options.view is None
+        self._own_background = options.environment is None
+        reach = _Reach()
+        if lit or options.ground or not self._own_camera or not isinstance(first.camera, Camera):
+            for time in self.numbers:
+                scene = self._read(time)
+                reach.add(subject(scene))
+                lit = lit and is_dark(scene, glow)
+                stands = stands or any(isinstance(shape, kinds) for shape in scene.shapes)
+        if lit:
+            self._own_background = False
+        if first.camera is None and bare:
+            first = first.replace(camera=framing(up_of(first)))
+        self._stage = _stage(first, reach, options, lit, glow, stands)
+
+    def __iter__(self) -> Iterator[Scene]:
+        stage = self._stage
+        for time in self.numbers:
+            scene = self._read(time)
+            own = self._own_camera and isinstance(scene.camera, Camera)
+            yield scene.replace(
+                shapes=(*scene.shapes, *stage.shapes),
+                camera=scene.camera if own else stage.camera,
+                background=scene.background if self._own_background else stage.background,
+                settings=self.settings,
+                name=f"{self._file.name}, {self._timeline.option} {time:g}",
+            )
+
+    def _read(self, time: float) -> Scene:
+        with reading(self._file):
+            return self._timeline.read(time)
+
+
+def _stage(
+    first: Scene,
+    reach: _Reach,
+    options: LoadOptions,
+    lit: bool,
+    glow: float = 0.0,
+    stands: bool = False,
+) -> Scene:
+    """The first scene with a view, light and a ground for all frames, and no shapes but these.
+
+    lit: what has no light gets some. stands: and a ground then, unless the options say otherwise.
+    """
+    about = reach.spheres()
+    stage = dressed(
+        first.replace(shapes=(about,)),
+        view=options.view,
+        environment=options.environment,
+        ground=options.ground,
+        bare=lit,
+        glow=glow,
+        standing=(Spheres,) if stands else (),  # what stands for them
+    )
+    camera = stage.camera
+    if isinstance(camera, Framing):
+        camera = replace(camera, shapes=(about,))
+    shapes = tuple(shape for shape in stage.shapes if shape is not about)
+    return stage.replace(camera=camera, shapes=shapes)
+
+
 def _labels(particles: Particles) -> dict[str, Labels]:
     """Names of kinds that are no elements, whose colours are always the same."""
     found = {"types": particles.types} if particles.types is not None else {}
@@ -181,8 +314,8 @@ class _Reach:
         self._centers = np.zeros((len(self._directions), 3))
         self._radii = np.zeros(len(self._directions))
 
-    def add(self, shape: Shape) -> None:
-        for centers, radii in hull(shape):
+    def add(self, pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> None:
+        for centers, radii in pairs:
             around = np.broadcast_to(radii, len(centers))
             for start in range(0, len(centers), _BLOCK):
                 self._add(centers[start : start + _BLOCK], around[start : start + _BLOCK])
@@ -196,7 +329,8 @@ class _Reach:
         self._centers[new], self._radii[new] = centers[best[new]], radii[best[new]]
 
     def spheres(self) -> Spheres:
-        found = np.unique(np.column_stack([self._centers, self._radii]), axis=0)
+        known = np.isfinite(self._most)  # of nothing, nothing
+        found = np.unique(np.column_stack([self._centers, self._radii])[known], axis=0)
         return Spheres(found[:, :3], found[:, 3], name="frames")
 
 
@@ -205,7 +339,11 @@ def _known() -> list[str]:
     from importlib import import_module
 
     modules = {suffix: import_module(f".{name}", __package__) for suffix, name in FORMATS.items()}
-    return [suffix for suffix, module in modules.items() if hasattr(module, "trajectory")]
+    return [
+        suffix
+        for suffix, module in modules.items()
+        if hasattr(module, "trajectory") or hasattr(module, "timeline")
+    ]
 
 
 def _slice(frames: str | slice) -> slice:
@@ -222,6 +360,58 @@ def _slice(frames: str | slice) -> slice:
             f"{option('frames')} {frames!r}: a slice such as 10:, :100:5 or ::-1 is needed, or all"
         )
     return slice(*numbers)
+
+
+def _times(
+    file: Path, timeline: Timeline, frames: str | slice, fps: float
+) -> tuple[float | None, list[float]]:
+    """The step that is given, by the user or the file, and the times.
+
+    Raises SceneError for what is no range, and FormatError for one without times.
+    """
+    begin, end, given = _range(frames, timeline.unit)
+    given = timeline.step if given is None else given
+    step = timeline.per_second / fps if given is None else given
+    if timeline.ends is None and (begin is None or end is None):
+        raise FormatError(
+            f"{file}: does not say its first and last time; frames needs both, as in 1:25"
+        )
+    whole = end is None  # the last one of the file's is among them
+    if timeline.ends is not None:
+        first, last = timeline.ends if step > 0.0 else timeline.ends[::-1]
+        begin, end = first if begin is None else begin, last if end is None else end
+    assert begin is not None
+    assert end is not None
+    steps = (end - begin) / step
+    if not steps < _MOST:
+        raise FormatError(f"{file}: {steps:g} frames are too many; there may be {_MOST}")
+    count = floor(steps + _NEAR) + 1 if whole else ceil(steps - _NEAR)
+    if count < 1:
+        known = "" if timeline.ends is None else "; there are {:g} to {:g}".format(*timeline.ends)
+        shown = _written(frames) if isinstance(frames, slice) else frames
+        raise FormatError(f"{file}: no {timeline.unit} are in {shown}{known}")
+    return given, [begin + k * step for k in range(count)]
+
+
+def _range(frames: str | slice, unit: str) -> tuple[float | None, float | None, float | None]:
+    """First, last and step of a range of times. Raises SceneError for anything else."""
+    if isinstance(frames, slice):
+        parts: list[Any] = [frames.start, frames.stop, frames.step]
+    else:
+        parts = [p.strip() or None for p in (":" if frames == "all" else str(frames)).split(":")]
+    numbers: list[float | None] = []
+    for part in parts:
+        try:
+            numbers.append(None if part is None else float(part))
+        except (TypeError, ValueError):
+            numbers.append(float("nan"))
+    wrong = [x for x in numbers if x is not None and not isfinite(x)]
+    if wrong or len(numbers) not in (2, 3) or numbers[2:] == [0.0]:
+        raise SceneError(
+            f"frames {frames!r}: a range of {unit} such as 10:, :100:5 or 1:2:0.5 is needed, or all"
+        )
+    begin, end, step = (*numbers, None)[:3]
+    return begin, end, step
 
 
 def _written(which: slice) -> str:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...scene import Instances, Mesh, Scene
-from .. import LoadOptions
+from .. import LoadOptions, Timeline
 from ..files import Reports
 
 NAME = "glTF"
@@ -35,7 +35,23 @@ def load(path: Path, options: LoadOptions) -> Scene:
     from .reader import Reader
 
     with np.errstate(all="ignore"):  # what is not finite is looked for, and named
-        return Reader(path, options).scene()
+        return Reader(path, options).scene(options.time)
+
+
+def timeline(path: Path, options: LoadOptions) -> Timeline:
+    """Seconds, from the first key of all animations to the last. Raises FormatError."""
+    import numpy as np
+
+    from . import animation
+    from .reader import Reader
+
+    reader = Reader(path, options)
+
+    def read(time: float) -> Scene:
+        with np.errstate(all="ignore"):
+            return reader.scene(time)
+
+    return Timeline("time", "seconds", 1.0, None, animation.ends(reader.source), read)
 
 
 def save(scene: Scene, path: Path, reports: Reports) -> None:

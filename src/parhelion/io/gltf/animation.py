@@ -15,6 +15,29 @@ _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3, "weights": 1}
 Properties = dict[tuple[int, str], NDArray[np.float64]]
 
 
+def ends(s: Source) -> tuple[float, float]:
+    """The first and the last time, in seconds, at which anything changes.
+
+    Raises FormatError for a file without animations.
+    """
+    used = [
+        (i, k)
+        for i, animation in enumerate(s.document.animations)
+        for k in dict.fromkeys(channel.sampler for channel in animation.channels)
+    ]
+    first, last = np.inf, -np.inf
+    for i, k in used:
+        where = f"animations[{i}].samplers[{k}]"
+        samplers = s.document.animations[i].samplers
+        sampler = s.item(samplers, f"animations[{i}].samplers", k, f"animations[{i}].channels")
+        keys = accessors.floats(s, sampler.input, f"{where}.input")
+        if len(keys):
+            first, last = min(first, float(keys.min())), max(last, float(keys.max()))
+    if not first <= last:
+        raise s.error("has no animations, and so no frames")
+    return first, last
+
+
 def at_time(s: Source, time: float) -> Properties:
     """What animations change, and to what, at a time in seconds.
 

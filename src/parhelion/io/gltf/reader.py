@@ -26,7 +26,7 @@ _FLAT = 1e-9
 
 
 class Reader:
-    """One file on its way to a Scene."""
+    """One file on its way to a Scene, or to one at each of several times."""
 
     def __init__(self, path: Path, options: LoadOptions) -> None:
         self.source = Source(path, options)
@@ -34,13 +34,15 @@ class Reader:
         self.materials = Materials(self.source)
         self._names: dict[str, int] = {}
 
-    def scene(self) -> Scene:
-        """The whole scene. Raises FormatError."""
+    def scene(self, time: float | None) -> Scene:
+        """The whole scene at a time of the animations, or as it is stored. Raises FormatError."""
         s = self.source
-        if self.options.time is not None and not s.document.animations:
-            name, time = option("time"), self.options.time
+        s.forget()
+        self._names = {}
+        if time is not None and not s.document.animations:
+            name = option("time")
             raise s.error(f"the option {name!r} is {time:g}; the file has no animations")
-        tree = nodes.read(s, self.options.time)
+        tree = nodes.read(s, time)
         placed = self._placed(tree)
         shapes = self._shapes(placed)
         low, high = _bounds(placed)
@@ -49,7 +51,7 @@ class Reader:
         s.reports.tell()
         return Scene(
             shapes=tuple(shapes),
-            materials=self.materials.made,
+            materials=dict(self.materials.made),
             camera=camera,
             background=None,
             lights=tuple(found),

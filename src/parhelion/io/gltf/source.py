@@ -116,6 +116,10 @@ class Source:
                 " memory, by using the same data again and again"
             )
 
+    def forget(self) -> None:
+        """Begins a new account: what was read is no longer held, as of another time's scene."""
+        self._spent = 0
+
     # The document
 
     def _chunks(self, data: memoryview) -> tuple[memoryview, memoryview | None]:

@@ -13,7 +13,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 from ...errors import FormatError, SceneError
 from ...scene import Framing, Instances, Light, Material, Scene, Settings, Shape, Vec3
 from ...studio import axis, framing
-from ..files import Folders, Reports
+from ..files import Reports
 from .images import Images
 
 Matrix = NDArray[np.float64]
@@ -42,12 +42,12 @@ class Reader:
     """One stage, at one time code, on its way to a Scene."""
 
     def __init__(
-        self, path: Path, stage: Any, folders: Folders, reports: Reports, time: float
+        self, path: Path, stage: Any, images: Images, reports: Reports, time: float
     ) -> None:
         self.path = path
         self.stage = stage
         self.time = Usd.TimeCode(time)
-        self.images = Images(folders)
+        self.images = images
         self.materials: dict[str, Material] = {}
         self.lights: list[Light] = []
         self.lamps: set[str] = set()  # names of shapes that are lights

@@ -22,31 +22,32 @@ _MOST_LAYERS = 100_000
 _DEEPEST = 2000
 
 
-@contextmanager
-def opened(path: Path, options: LoadOptions) -> Iterator[tuple[Any, Folders, Reports]]:
-    """The stage, the folders its files may lie in, and what to note reports in.
+def opened(path: Path, options: LoadOptions, folders: Folders, reports: Reports) -> Any:
+    """The stage; to be called within guarded()."""
+    layers = _layers(path, folders, reports)
+    growth.refuse(layers, str(path))
+    stage = Usd.Stage.Open(layers[0])
+    if options.variant is not None:
+        _select(stage, options.variant)
+    for error in stage.GetCompositionErrors():
+        if isinstance(error, (Pcp.ErrorArcCycle, Pcp.ErrorSublayerCycle)):
+            raise FormatError(f"{path}: {_sentence(str(error), path)}")
+        # a file that is missing has been noted
+        if not isinstance(error, (Pcp.ErrorInvalidAssetPath, Pcp.ErrorInvalidSublayerPath)):
+            reports.add(_sentence(str(error), path))
+    for layer in stage.GetUsedLayers():  # names may depend on what has been composed
+        _check(layer.realPath, folders, f"{path}: {layer.identifier}")
+    return stage
 
-    While it is open, the library's errors are FormatErrors that begin with the path, and its
+
+@contextmanager
+def guarded(path: Path) -> Iterator[None]:
+    """In the block, the library's errors are FormatErrors that begin with the path, and its
     warnings are not printed.
     """
-    folders = Folders(path.parent, options.allow_paths)
-    reports = Reports(path, options.strict)
     quiet = UsdUtils.CoalescingDiagnosticDelegate()
     try:
-        layers = _layers(path, folders, reports)
-        growth.refuse(layers, str(path))
-        stage = Usd.Stage.Open(layers[0])
-        if options.variant is not None:
-            _select(stage, options.variant)
-        for error in stage.GetCompositionErrors():
-            if isinstance(error, (Pcp.ErrorArcCycle, Pcp.ErrorSublayerCycle)):
-                raise FormatError(f"{path}: {_sentence(str(error), path)}")
-            # a file that is missing has been noted
-            if not isinstance(error, (Pcp.ErrorInvalidAssetPath, Pcp.ErrorInvalidSublayerPath)):
-                reports.add(_sentence(str(error), path))
-        for layer in stage.GetUsedLayers():  # names may depend on what has been composed
-            _check(layer.realPath, folders, f"{path}: {layer.identifier}")
-        yield stage, folders, reports
+        yield
     except Tf.ErrorException as error:
         raise FormatError(f"{path}: cannot be read as USD: {_reason(error, path)}") from None
     except UnicodeDecodeError as error:
