@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .image import Image
     from .io import LoadOptions, load
     from .io.frames import load_frames
-    from .objects import scene_of
+    from .objects import frames_of, scene_of
     from .orbit import turntable
     from .progress import Progress
     from .renderer import Prepared, prepare, render
@@ -57,6 +57,7 @@ _HOMES = {
     "load_frames": "io.frames",
     "save": "saving",
     "scene_of": "objects",
+    "frames_of": "objects",
     "Prepared": "renderer",
     "Progress": "progress",
     "prepare": "renderer",
@@ -109,6 +110,7 @@ __all__ = [
     "Swatches",
     "Texture",
     "conductor",
+    "frames_of",
     "load",
     "load_frames",
     "prepare",

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from .. import particles
 from ..errors import FormatError, SceneError
-from ..particles import FARTHEST, Copies, Labels, Particles, elements, to_scene
+from ..particles import FARTHEST, Copies, Labels, Particles, biomolecular_labels, to_scene
 from ..particles.boxes import Box
 from ..scene import Scene
 from . import COMPRESSED, LoadOptions
@@ -317,8 +317,7 @@ def _particles(chemfiles: Any, frame: Any, records: _Records, path: Path) -> Par
     known = matrix.any() and np.isfinite(matrix).all() and not records.no_box
     repeated = not records.symmetric  # else atoms would meet copies where their like are not drawn
     box = Box(matrix.T, np.zeros(3), (repeated,) * 3) if known else None
-    numbers = _numbers(types, residues)
-    symbols = Labels(numbers, elements.SYMBOLS)
+    symbols = biomolecular_labels(types, residues)
     positions = np.array(frame.positions)
     # chemfiles knows those of standard residues, which a PDB file does not list
     bonds = np.concatenate(
@@ -337,16 +336,3 @@ def _particles(chemfiles: Any, frame: Any, records: _Records, path: Path) -> Par
         bonds_complete=False,
         alternates=records.alternates(count),
     )
-
-
-def _numbers(types: Labels, residues: Labels) -> NDArray[np.intp]:
-    """(N,) atomic numbers by the names of atoms, and of residues where these are ions."""
-    others = np.array([elements.biomolecular_number(name, ion=False) for name in types.names])
-    ions = np.array([elements.biomolecular_number(name, ion=True) for name in types.names])
-    numbers = types.each(others)
-    for kind in np.flatnonzero(ions != others).tolist():
-        letters = [c for c in types.names[kind].upper() if c.isalpha()]
-        alone = [[c for c in name.upper() if c.isalpha()] == letters for name in residues.names]
-        of_kind = (types.codes == kind) & residues.each(np.array(alone))
-        numbers[of_kind] = ions[kind]
-    return numbers

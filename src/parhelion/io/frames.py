@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from math import ceil, floor, isfinite
 from pathlib import Path
@@ -25,8 +26,9 @@ from ..scene import (
     Swatches,
     Vec3,
 )
-from ..studio import dressed, framing, is_dark, up_of
+from ..studio import axis, dressed, framing, is_dark, up_of
 from . import FORMATS, LoadOptions, Timeline, reading, resolved
+from .text import Trajectory
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -74,8 +76,15 @@ def load_frames(
             one, many = option(name), option("frames")
             raise SceneError(f"the option {one!r} is of one frame; give {many} or {one}")
     rate = None if fps is None else checked_fps(fps)
-    kind = _Trajectory if hasattr(module, "trajectory") else _Animation
-    return kind(file, module, chosen, frames, rate)
+    if not hasattr(module, "trajectory"):
+        return _Animation(file, module, chosen, frames, rate)
+
+    @contextmanager
+    def opened() -> Iterator[Trajectory]:
+        with reading(file), module.trajectory(file, chosen) as trajectory:
+            yield trajectory
+
+    return ParticleFrames(opened, file.name, chosen, frames, rate)
 
 
 def checked_fps(fps: Any) -> float:
@@ -101,7 +110,7 @@ class Frames(ABC):
     light, ground and, unless the options say otherwise, radii and range of colours that go with it.
     """
 
-    numbers: Sequence[int] | Sequence[float]
+    numbers: Sequence[Any]
     fps: float
     sampled = False
     settings = Settings()
@@ -115,38 +124,36 @@ class Frames(ABC):
         """The scenes, each read when it is asked for."""
 
 
-class _Trajectory(Frames):
-    """Of particles, all dressed alike."""
+class ParticleFrames(Frames):
+    """Of particles, all dressed alike. opened: what opens the trajectory. name: of its scenes."""
 
     def __init__(
         self,
-        file: Path,
-        module: Any,
+        opened: Callable[[], AbstractContextManager[Trajectory]],
+        name: str,
         options: LoadOptions,
         frames: str | slice,
         fps: float | None,
     ) -> None:
         which = _slice(frames)
         self.fps = FPS if fps is None else fps
-        self._file, self._module = file, module
+        self._opened, self._name = opened, name
         self._radius: float | None = None
         self._names: dict[str, list[str]] = {}
         self._options = options
         reach, low, high = _Reach(), np.inf, -np.inf
         kinds: dict[str, Vec3] = {}
         first: Scene | None = None
-        with reading(file), module.trajectory(file, options) as trajectory:
+        with opened() as trajectory:
             self.numbers = range(trajectory.count)[which]
             if not self.numbers:
-                raise FormatError(
-                    f"{file}: of {trajectory.count} frames none is in {_written(which)}"
-                )
+                raise SceneError(f"of {trajectory.count} frames none is in {_written(which)}")
             for number in sorted(self.numbers):
                 particles = trajectory.read(number)
                 if first is None and _touching(particles, options):
                     self._radius = 0.5 * neighbour_distance(particles.positions)
                 self._note_names(particles)
-                scene = to_scene(self._alike(particles), options, file.name)
+                scene = to_scene(self._alike(particles), options, name)
                 first = first or scene
                 if isinstance(scene.legend, ColorBar):
                     low, high = min(low, scene.legend.low), max(high, scene.legend.high)
@@ -154,6 +161,8 @@ class _Trajectory(Frames):
                     kinds.update(scene.legend.kinds)
                 reach.add(pair for shape in scene.shapes for pair in hull(shape))
         assert first is not None
+        if options.up is not None:
+            first = first.replace(camera=framing(axis(options.up)))
         if options.color_by is not None and low < high:
             self._options = replace(options, color_range=(low, high))
         legend = first.legend
@@ -165,12 +174,12 @@ class _Trajectory(Frames):
         self._stage = _stage(first, reach, options, lit=True).replace(legend=legend)
 
     def __iter__(self) -> Iterator[Scene]:
-        with reading(self._file), self._module.trajectory(self._file, self._options) as trajectory:
+        with self._opened() as trajectory:
             for number in self.numbers:
                 if number >= trajectory.count:
-                    raise FormatError(f"{self._file}: has become shorter while it was read")
+                    raise SceneError("has become shorter while it was read")
                 particles = self._alike(trajectory.read(number))
-                scene = to_scene(particles, self._options, f"{self._file.name}, frame {number}")
+                scene = to_scene(particles, self._options, f"{self._name}, frame {number}")
                 shapes = (*scene.shapes, *self._stage.shapes)
                 yield self._stage.replace(shapes=shapes, name=scene.name)
 

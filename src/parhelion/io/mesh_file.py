@@ -6,6 +6,7 @@ edge where they meet more sharply. Colours of vertices or faces are shown. Point
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -84,7 +85,7 @@ def colored(data: MeshData, options: LoadOptions) -> MeshData:
             raise SceneError(f"the option {option(name)!r} is for particles; this is a mesh")
     if options.color_by is None:
         return data
-    key, values = _field(data, options.color_by)
+    key, values = numbers_of(data.attributes, options.color_by)
     colors = particles.map_colors(values, options.colormap, options.color_range)
     others = {k: v for k, v in data.attributes.items() if not k.endswith("_color")}
     return replace(data, attributes=others | {f"{key.partition('_')[0]}_color": colors})
@@ -94,17 +95,21 @@ def legend_of(data: MeshData, options: LoadOptions) -> ColorBar | None:
     """What the colours stand for that colored() gives the mesh. Raises SceneError as it does."""
     if options.color_by is None:
         return None
-    limits = particles.color_range(_field(data, options.color_by)[1], options.color_range)
+    values = numbers_of(data.attributes, options.color_by)[1]
+    limits = particles.color_range(values, options.color_range)
     return ColorBar(options.color_by, options.colormap, *limits)
 
 
-def _field(data: MeshData, name: str) -> tuple[str, NDArray[np.float64]]:
-    """The attribute that a field is, and its numbers, of vectors their lengths."""
+def numbers_of(attributes: Mapping[str, Any], name: str) -> tuple[str, NDArray[np.float64]]:
+    """The attribute that a field is, and its numbers, of vectors their lengths.
+
+    Raises SceneError for a field that is none of them.
+    """
     # the fields' names, and where they are: "vertex_" or "face_"
-    known = {key.partition("_")[2]: key for key in data.attributes}
+    known = {key.partition("_")[2]: key for key in attributes}
     if name not in known:
         raise SceneError(unknown_name("field to colour by", name, known))
-    values = np.asarray(data.attributes[known[name]], np.float64)
+    values = np.asarray(attributes[known[name]], np.float64)
     return known[name], np.linalg.norm(values, axis=1) if values.ndim == 2 else values
 
 

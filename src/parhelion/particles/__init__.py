@@ -11,8 +11,8 @@ Every particle format ends here, so that a file and a NumPy array give the same 
 """
 
 from .boxes import Box
-from .colors import color_range, linear, map_colors, mapped, swatches
-from .data import Copies, Labels, Particles, element_labels
+from .colors import color_range, field_names, field_of, linear, map_colors, mapped, swatches
+from .data import Copies, Labels, Particles, biomolecular_labels, element_labels
 from .limits import FARTHEST
 from .scenes import OPTIONS, STYLES, neighbour_distance, to_scene
 
@@ -24,8 +24,11 @@ __all__ = [
     "Copies",
     "Labels",
     "Particles",
+    "biomolecular_labels",
     "color_range",
     "element_labels",
+    "field_names",
+    "field_of",
     "linear",
     "map_colors",
     "mapped",

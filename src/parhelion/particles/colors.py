@@ -56,7 +56,7 @@ def colors_of(
     what they stand for.
     """
     if options.color_by is not None:
-        values = _field(particles, options.color_by)
+        values = field_of(particles, options.color_by)
         if values is particles.elements:
             return _element_colors(particles.elements)
         if isinstance(values, Labels):
@@ -104,11 +104,28 @@ def swatches(label: str, kinds: Mapping[str, Vec3]) -> Swatches:
     )
 
 
-def _field(particles: Particles, name: str) -> NDArray[Any] | Labels:
+def field_of(particles: Particles, name: str) -> NDArray[Any] | Labels:
     """A field by name: (N,) numbers or Labels. Of an (N, M) field f, "f" is its length and
     "f_x", "f_y", "f_z" (where M = 3) or "f_1" ... "f_M" are its components.
+
+    Raises SceneError for a name of none.
     """
-    # name -> array and, of one with rows, the column
+    known = _fields(particles)
+    if name not in known:
+        raise SceneError(unknown_name("field to colour by", name, known))
+    found, column = known[name]
+    if isinstance(found, Labels) or found.ndim == 1:
+        return found
+    return np.asarray(np.linalg.norm(found, axis=1) if column is None else found[:, column])
+
+
+def field_names(particles: Particles) -> list[str]:
+    """What particles can be coloured by."""
+    return list(_fields(particles))
+
+
+def _fields(particles: Particles) -> dict[str, tuple[NDArray[Any] | Labels, int | None]]:
+    """Arrays by the names that field_of() knows, and of one with rows the column."""
     known: dict[str, tuple[NDArray[Any] | Labels, int | None]] = {
         "index": (np.arange(len(particles.positions)), None),
         **{axis: (particles.positions, column) for column, axis in enumerate(_COORDINATES)},
@@ -122,12 +139,7 @@ def _field(particles: Particles, name: str) -> NDArray[Any] | Labels:
             size = values.shape[1]
             suffixes: Sequence[object] = _COORDINATES if size == 3 else range(1, size + 1)
             known.update({f"{key}_{s}": (values, column) for column, s in enumerate(suffixes)})
-    if name not in known:
-        raise SceneError(unknown_name("field to colour by", name, known))
-    found, column = known[name]
-    if isinstance(found, Labels) or found.ndim == 1:
-        return found
-    return np.asarray(np.linalg.norm(found, axis=1) if column is None else found[:, column])
+    return known
 
 
 def map_colors(

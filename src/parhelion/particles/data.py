@@ -66,6 +66,21 @@ def element_labels(labels: Labels) -> Labels | None:
     return Labels(labels.codes, tuple(elements.SYMBOLS[number or 0] for number in numbers))
 
 
+def biomolecular_labels(names: Labels, residues: Labels) -> Labels:
+    """The elements of atoms by their names in files of proteins and the like, "X" where a name says
+    none. residues: the names of those, by which ions are told.
+    """
+    others = np.array([elements.biomolecular_number(name, ion=False) for name in names.names])
+    ions = np.array([elements.biomolecular_number(name, ion=True) for name in names.names])
+    numbers = names.each(others)
+    for kind in np.flatnonzero(ions != others).tolist():
+        letters = [c for c in names.names[kind].upper() if c.isalpha()]
+        alone = [[c for c in name.upper() if c.isalpha()] == letters for name in residues.names]
+        of_kind = (names.codes == kind) & residues.each(np.array(alone))
+        numbers[of_kind] = ions[kind]
+    return Labels(numbers, elements.SYMBOLS)
+
+
 @dataclass(frozen=True, eq=False)
 class Copies:
     """Copies of some of N particles: of those that are True in (N,) `chosen`, one for each of the
