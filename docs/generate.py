@@ -62,6 +62,7 @@ _SECTIONS = {
     "Stored": "large-arrays",
     "Framing": "camera",
     "Settings": "settings",
+    "Legend": "legend",
 }
 _ANCHORS = {
     **_SECTIONS,

@@ -144,7 +144,9 @@ VALID: dict[str, Any] = {
         "integrator": "direct",
         "ao_distance": 2.5,
     },
+    "legend": {"label": "element", "kinds": [["C", [0.25, 0.25, 0.25]], ["O", [1, 0, 0]]]},
 }
+BAR = {"label": "pressure", "colormap": "viridis", "low": -1, "high": 2.5}
 ONE = {"type": "spheres", "centers": [[0, 0, 0]]}
 
 
@@ -291,6 +293,7 @@ def test_every_field_arrives(folder: Path) -> None:
         instances.transforms, [[[1, 0, 0, 9], [0, 2, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]]
     )
     assert [part.name for part in instances.shapes] == ["ball"]
+    assert scene.legend == ph.Swatches("element", (("C", (0.25, 0.25, 0.25)), ("O", (1, 0, 0))))
     ph.prepare(scene)
 
 
@@ -320,9 +323,7 @@ def test_defaults_are_those_of_the_dataclasses(folder: Path) -> None:
     ],
 )
 def test_every_field_of_the_dataclasses_has_its_name_here(block: Any, dataclass: Any) -> None:
-    missing = {f.name for f in fields(dataclass)} - set(block.__struct_encode_fields__)
-    # what colours stand for is not kept in files
-    assert missing == ({"legend"} if dataclass is ph.Scene else set())
+    assert {f.name for f in fields(dataclass)} <= set(block.__struct_encode_fields__)
 
 
 def test_words_that_other_modules_list_are_all_known_here() -> None:
@@ -638,6 +639,24 @@ BAD_DOCUMENTS: list[tuple[Any, str]] = [
                 "steel.weight: is 2; must be a number <= 1",
             ),
             ({"type": "blend", "a": "steel", "b": "steel", "fuzz": 1}, "steel: unknown parameter"),
+        )
+    ),
+    # legends
+    *(
+        ({"parhelion": 1, "legend": legend}, f"$.legend{words}")
+        for legend, words in (
+            ({"kinds": []}, ": the field 'label' is missing"),
+            ({"label": "a"}, ": the field 'colormap' is missing ('kinds' in the place of all thr"),
+            (BAR | {"high": -2}, ": low is -1; must be at most high, -2"),
+            ({"label": "a", "colormap": "gray", "low": 0}, ": the field 'high' is missing"),
+            (BAR | {"kinds": []}, ": has both 'kinds' and 'colormap'; give one of them"),
+            (BAR | {"low": None}, ".low: is null; must be a number"),
+            (BAR | {"color_map": "gray"}, ".color_map: unknown field 'color_map'; did you mean"),
+            ({"label": "a", "kinds": [["C", [1, 0]]]}, ".kinds[0][1]: is [1,0]; must be an array"),
+            (
+                {"label": "a", "kinds": [["C", [1, 0, -1]]]},
+                ".kinds[0][1][2]: is -1; must be a number >= 0",
+            ),
         )
     ),
     # shapes
@@ -1156,7 +1175,7 @@ def test_schema_accepts_what_is_valid(validator: Any) -> None:
 BEYOND_SCHEMA = re.compile(
     r"has both 'fov'|values for|unknown material '|no such file|is \d\.0; must be an integer"
     "|scene's folder|rows that make no|mixes |the mesh has vertices|file_index: is 1| bytes; "
-    "|no base64|has both 'camera'|side file|multiple of 64"
+    "|no base64|has both 'camera'|must be at most high|side file|multiple of 64"
 )
 
 
@@ -1367,6 +1386,11 @@ def scenes(draw: st.DrawFn) -> ph.Scene:
             )
         ),
         name=draw(NAMES.filter(bool)),
+        legend=draw(
+            st.none()
+            | st.builds(ph.ColorBar, NAMES, NAMES, st.floats(-5, 0), st.floats(0, 5))
+            | st.builds(ph.Swatches, NAMES, st.lists(st.tuples(NAMES, COLOR)).map(tuple))
+        ),
     )
 
 
@@ -1447,6 +1471,7 @@ LAMP = ph.Light("projector", image=GREY, transform=np.eye(4, dtype=np.float32))
         ph.Scene(
             camera=ph.Camera(projection="orthographic", height=3, shift=(0.5, 0), mirrored=True),
             settings=ph.Settings(integrator="ao", ao_distance=2.5),
+            legend=ph.ColorBar("pressure", "viridis", np.float32(-1), 2.5),  # type: ignore[arg-type]
         ),
     ],
 )
@@ -1456,6 +1481,7 @@ def test_every_part_there_and_back(folder: Path, validator: Any, scene: ph.Scene
     again = read(folder, text)
     assert flatten(again).sha256() == flatten(scene).sha256()
     assert (again.camera, again.settings) == (scene.camera, scene.settings)
+    assert again.legend == scene.legend
 
 
 def test_an_attribute_of_one_column_is_one_of_numbers(folder: Path) -> None:
@@ -1502,6 +1528,13 @@ def test_what_cannot_be_written(shape: Any, words: str) -> None:
         json_scene.dumps(ph.Scene(shapes=[shape]))
 
 
+def test_legends_that_cannot_be_written() -> None:
+    with pytest.raises(ph.SceneError, match=r"\$.legend.high: is null; must be a number"):
+        json_scene.dumps(ph.Scene(legend=ph.ColorBar("a", "gray", 0.0, float("inf"))))
+    with pytest.raises(ph.SceneError, match="legend: a ColorBar or Swatches is needed, not 'red'"):
+        json_scene.dumps(ph.Scene(legend="red"))  # type: ignore[arg-type]
+
+
 # -------------------------------------------------------------------------------- what we show
 
 
@@ -1522,7 +1555,7 @@ def with_shapes(text: str) -> str:
 
 def test_examples_of_the_manual(folder: Path, validator: Any) -> None:
     manual = (REPOSITORY / "docs" / "scene.md").read_text(encoding="utf-8")
-    scene, model, copies, arrays, rust, hollow, floor = re.findall(
+    scene, model, copies, arrays, rust, hollow, floor, legend = re.findall(
         r"```json\n(.*?)```", manual, re.DOTALL
     )
     flatten(read(folder, scene))
@@ -1535,6 +1568,9 @@ def test_examples_of_the_manual(folder: Path, validator: Any) -> None:
     picture(folder / "maps" / "wood.jpg")
     text = f'{{"parhelion": 1, "materials": {{"steel": {{"type": "metal"}}, {rust}, {floor}}}}}'
     flatten(read(folder, text))
+    validator.validate(json.loads(text))
+    text = f'{{"parhelion": 1, {legend}}}'
+    assert isinstance(read(folder, text).legend, ph.Swatches)
     validator.validate(json.loads(text))
     text = scene.replace('"brass": {', '"brass": {"type": "metal"},\n    "brass": {')
     assert "the key 'brass' occurs twice in its object" in refusal(folder, text)

@@ -455,6 +455,21 @@ class Framing(Struct, forbid_unknown_fields=True):
     shapes: Annotated[list[Name], _doc("names of the shapes to show; none for all")] = []
 
 
+class Legend(Struct, forbid_unknown_fields=True):
+    """What the scene's colours stand for: numbers, or kinds."""
+
+    label: Annotated[Name, _doc("what the numbers are, or of what these are the kinds")]
+    colormap: Annotated[
+        Name | UnsetType, _doc("of numbers: the name of a Matplotlib colour map")
+    ] = UNSET
+    low: Annotated[Number | UnsetType, _doc("the number at the map's lower end")] = UNSET
+    high: Annotated[Number | UnsetType, _doc("the number at its upper end, not less")] = UNSET
+    kinds: Annotated[
+        list[tuple[Name, Color]] | UnsetType,
+        _doc("in the place of these: the name and the linear RGB of each kind"),
+    ] = UNSET
+
+
 class Settings(Struct, forbid_unknown_fields=True):
     """Defaults for rendering; options of the command and arguments of render() override them."""
 
@@ -518,3 +533,6 @@ class Document(Struct, forbid_unknown_fields=True):
     settings: Annotated[Settings, _doc("what to render", {})] = msgspec.field(
         default_factory=Settings
     )
+    legend: Annotated[
+        Legend | None, _doc("what colours stand for, to be drawn beside the picture; null: nothing")
+    ] = None

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Struct
 
 from ...errors import SceneError, unknown_name
-from .document import SHAPES, Arrays, Camera, Framing, Pixels, Settings, Stored
+from .document import SHAPES, Arrays, Camera, Framing, Legend, Pixels, Settings, Stored
 
 _WORDS = {
     "int": "an integer",
@@ -30,6 +30,7 @@ _BLOCKS: dict[str, type[Struct]] = {
     "camera": Camera,
     "framing": Framing,
     "settings": Settings,
+    "legend": Legend,
     "image": Pixels,
 }
 

@@ -12,7 +12,7 @@ from ... import tables
 from ...errors import FormatError, SceneError
 from .. import LoadOptions
 from . import shapes, sidefile, source
-from .document import Document
+from .document import Document, Legend
 from .entries import Entries
 from .files import Folders
 from .messages import invalid, malformed, member, unknown_choice
@@ -77,6 +77,7 @@ def parse(data: bytes, folders: Folders) -> model.Scene:
             shapes.read(block, entries, f"$.shapes[{i}]") for i, block in enumerate(document.shapes)
         ),
         settings=_settings(document),
+        legend=None if document.legend is None else _legend(document.legend),
     )
     source.refuse_repeated_keys(data)
     return scene
@@ -98,6 +99,22 @@ def _camera(document: Document) -> model.Camera | model.Framing | None:
         text = unknown_choice("projection", camera.projection, known)
         raise SceneError(f"$.camera.projection: {text}")
     return model.Camera(**msgspec.structs.asdict(camera))
+
+
+def _legend(legend: Legend) -> model.ColorBar | model.Swatches:
+    bar = {name: getattr(legend, name) for name in ("colormap", "low", "high")}
+    given = [name for name, value in bar.items() if value is not msgspec.UNSET]
+    if legend.kinds is not msgspec.UNSET:
+        if given:
+            raise SceneError(f"$.legend: has both 'kinds' and {given[0]!r}; give one of them")
+        return model.Swatches(legend.label, tuple(legend.kinds))
+    missing = [name for name in bar if name not in given]
+    if missing:
+        instead = " ('kinds' in the place of all three)" if not given else ""
+        raise SceneError(f"$.legend: the field {missing[0]!r} is missing{instead}")
+    if bar["low"] > bar["high"]:
+        raise SceneError(f"$.legend: low is {bar['low']:g}; must be at most high, {bar['high']:g}")
+    return model.ColorBar(legend.label, **bar)
 
 
 def _settings(document: Document) -> model.Settings:

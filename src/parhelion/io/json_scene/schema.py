@@ -48,6 +48,10 @@ def schema() -> Schema:
         }
         for given, other in (("data", "at"), ("at", "data"))
     ]
+    definitions["Legend"]["oneOf"] = [
+        {"required": ["kinds"], "properties": dict.fromkeys(("colormap", "low", "high"), False)},
+        {"required": ["colormap", "low", "high"], "properties": {"kinds": False}},
+    ]
     definitions |= {"Material": {"anyOf": [*common, blend]}}
     for name, kind in (("Texture", "textures"), ("Light", "lights"), ("Background", "backgrounds")):
         listed = [_entry(e, COMMON[kind][e.image], definitions) for e in names[kind].values()]

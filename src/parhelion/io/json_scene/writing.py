@@ -101,6 +101,7 @@ def _encoded(
             "materials": {name: writer.entry(m) for name, m in scene.materials.items()},
             "shapes": writer.shapes(scene.shapes),
             "settings": _members(scene.settings),
+            "legend": _legend(scene.legend),
         }
         folders = Folders(home)
         folders.side = packing
@@ -121,6 +122,12 @@ def _encoded(
 
 def _members(instance: Any) -> dict[str, Any]:
     return {f.name: getattr(instance, f.name) for f in fields(instance)}
+
+
+def _legend(legend: Any) -> dict[str, Any] | None:
+    if legend is not None and not isinstance(legend, (model.ColorBar, model.Swatches)):
+        raise SceneError(f"legend: a ColorBar or Swatches is needed, not {legend!r}")
+    return None if legend is None else _members(legend)
 
 
 def _plain(value: Any) -> Any:
