@@ -330,6 +330,39 @@ def test_copies_as_ply_are_multiplied_out(tmp_path: Path) -> None:
     assert np.array_equal(ply.read(tmp_path / "a.ply").normals, [[0, 0, 1]] * 6)
 
 
+def test_copies_of_spheres_as_ply_are_points(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    balls = ph.Spheres([[0, 0, 0], [1, 0, 0]], [0.25, 0.5], colors=[[1, 0, 0], [0, 0, 1]])
+    plain = ph.Spheres([[0, 0, 1]], 2.0)
+    turns = np.tile(np.eye(4), (3, 1, 1))
+    turns[1, :3, :3] = 2 * np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    turns[1, :3, 3] = (5, 6, 7)
+    turns[2] = np.diag([1, 1, -1, 1])
+    green = np.tile([0, 1, 0], (3, 1))
+    copies = ph.Instances([balls, plain], turns, "copies", green)
+    ph.save(ph.Scene([copies], background=None), tmp_path / "a.ply", strict=True)
+    again = ph.load(tmp_path / "a.ply").shapes[0]
+    pairs = [[0, 0, 0], [1, 0, 0], [5, 6, 7], [5, 8, 7], [0, 0, 0], [1, 0, 0]]
+    singles = [[0, 0, 1], [5, 6, 9], [0, 0, -1]]
+    np.testing.assert_array_equal(again.centers, [*pairs, *singles])
+    np.testing.assert_array_equal(again.radii, [0.25, 0.5, 0.5, 1, 0.25, 0.5, 2, 4, 2])
+    np.testing.assert_array_equal(again.colors, [[1, 0, 0], [0, 0, 1]] * 3 + [[0, 1, 0]] * 3)
+    # of several materials, and stretched
+    mixed = ph.Spheres([[0, 0, 0], [1, 0, 0]], material=["a", "b"])
+    names = {k: ph.Material("diffuse", color=(1.0 * (k == "a"), 0, 0)) for k in "ab"}
+    turns[1, 0] *= 1.5
+    copies = ph.Instances([mixed], turns, "mixed")
+    ph.save(ph.Scene([copies], names, background=None), tmp_path / "a.ply")
+    np.testing.assert_array_equal(ph.load(tmp_path / "a.ply").shapes[0].colors[:, 0], [1, 0, 1, 0])
+    assert caplog.messages == [
+        "a.ply: shape 'mixed': copies of spheres that are ellipsoids: PLY has none; left out"
+    ]
+    stretched = ph.Scene([replace(copies, transforms=turns[1:2])], names, background=None)
+    with pytest.raises(ph.SceneError, match="no mesh and no spheres; shape 'mixed': copies of sph"):
+        ph.save(stretched, tmp_path / "a.ply")
+
+
 def test_attributes_that_some_meshes_lack_are_named(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -384,8 +417,8 @@ def test_what_ply_cannot_hold_is_named(tmp_path: Path, caplog: pytest.LogCapture
         ph.save(rest, tmp_path / "a.ply", strict=True)
     with pytest.raises(ph.SceneError, match="the scene has no mesh and no spheres"):
         ph.save(scene.replace(shapes=[strands]), tmp_path / "a.ply")
-    with pytest.raises(ph.SceneError, match="has copies of cylinders"):
-        ph.save(scene, tmp_path / "a.ply")
+    with pytest.raises(ph.FormatError, match="cylinders: PLY has triangles or points; left out"):
+        ph.save(scene, tmp_path / "a.ply", strict=True)  # copies of them
     many = ph.Instances([mesh], np.tile(np.eye(4), (200_000, 1, 1)))
     with pytest.raises(ph.SceneError, match="the copies make more than 100,000,000 triangles"):
         ph.save(scene.replace(shapes=[many]), tmp_path / "a.ply")
@@ -669,6 +702,28 @@ def test_copies_as_gltf_are_nodes_or_instances(tmp_path: Path, count: int) -> No
     np.testing.assert_allclose(found[order[0]], wanted[order[1]], atol=2e-5)
 
 
+def test_copies_of_all_shapes_as_gltf(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    parts = (
+        (ph.Spheres([[0, 0, 0], [2, 0, 0]], 0.5), solids.sphere(64)),
+        (ph.Disks([[0, 0, 0]], [[2, 0, 0]], [[0, 1, 0]]), solids.disk()),
+        (ph.Cylinders([[0, 0, 0]], [[0, 0, 3]], 0.5), solids.cylinder()),
+    )
+    hair = ph.Curves([[0, 0, 0], [1, 0, 0]], 0.1, basis="linear")
+    turns = np.tile(np.eye(4), (2, 1, 1))
+    turns[1, :3, :3] = [[0, -1, 0.5], [1, 0, 0], [0, 0, 2]]  # turned, stretched and skewed
+    turns[1, :3, 3] = (9, 8, 7)
+    for part, unit in parts:
+        ph.save(ph.Scene([ph.Instances([part], turns)], **LIT), tmp_path / "a.glb", strict=True)
+        found = triangles(alone(ph.load(tmp_path / "a.glb")))
+        where = [turn @ own for turn in turns for own in solids.matrices(part)]
+        wanted = triangles([ph.Instances([unit], where)])
+        for axis in range(3):  # in another order
+            ours, theirs = (np.sort(x[:, :, axis].ravel()) for x in (found, wanted))
+            np.testing.assert_allclose(ours, theirs, atol=1e-5)
+    ph.save(ph.Scene([ph.Instances([hair], turns)], **LIT), tmp_path / "a.glb")
+    assert caplog.messages == ["a.glb: curves: glTF has none; left out"]
+
+
 @pytest.mark.parametrize(
     ("ending", "added"), [("glb", ["key light", "ground"]), ("ply", ["key light"])]
 )
@@ -820,7 +875,7 @@ def test_convert_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         (["a.json", "same.json"], "same.json: is the file to convert; give the result another"),
         (["none.json", "b.json"], "none.json: no such file"),
         (["a.json", "b.png"], "b.png: unknown ending of a scene to write '.png' (choices: "),
-        (["a.json", "b.ply"], "has copies of cylinders"),
+        (["a.json", "b.ply", "--strict"], "cylinders: PLY has triangles or points; left out"),
         (["a.json", "x/b.json"], "b.json: cannot be written: No such file or directory"),
         (
             ["a.json", "b.json", "-D", "a=b"],

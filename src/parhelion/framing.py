@@ -105,7 +105,7 @@ def hull(shape: Shape) -> Iterator[tuple[Array, Array]]:
     else:
         matrices = np.asarray(shape.transforms, dtype=np.float64)[:, :3]
         parts = [piece for part in shape.shapes for piece in hull(part) if piece[0].size]
-        even = _even(matrices)
+        even = bool(is_even(matrices).all())
         points = sum(len(c) * (1 if even or not np.any(r) else len(_AROUND)) for c, r in parts)
         if points * len(matrices) > _MOST_POINTS:
             parts = [_corners(parts)]
@@ -113,14 +113,14 @@ def hull(shape: Shape) -> Iterator[tuple[Array, Array]]:
             yield _copies(centers, radii, matrices, even)
 
 
-def _even(matrices: Array) -> bool:
-    """Whether (M, 3, 4) matrices turn and scale by the same in all directions, so that spheres
+def is_even(matrices: Array) -> NDArray[np.bool_]:
+    """(M,): which (M, 3, 4) matrices turn and scale by the same in all directions, so that spheres
     stay spheres.
     """
     turns = matrices[:, :, :3]
     squares = np.sum(turns[:, :, 0] ** 2, axis=1)[:, None, None]
     off = turns.transpose(0, 2, 1) @ turns - squares * np.eye(3)
-    return bool((np.abs(off) <= 1e-6 * squares).all())
+    return np.asarray((np.abs(off) <= 1e-6 * squares).all(axis=(1, 2)))
 
 
 def _corners(parts: list[tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ... import tables
 from ...atomic import replacing
 from ...errors import SceneError, unknown_name
+from ...framing import is_even
 from ...image import srgb_encoded
 from ...scene import Instances, Material, Mesh, Scene, Shape, Spheres, Texture
 from ..files import Reports
@@ -31,7 +32,7 @@ Columns = dict[str, NDArray[Any]]
 
 def save(scene: Scene, path: Path, reports: Reports) -> None:
     """Writes the scene; see io.save. Raises SceneError, ResourceError."""
-    solids = list(_solids(scene.shapes))
+    solids = list(_solids(scene.shapes, reports))
     meshes = [s for s in solids if isinstance(s, Mesh) and np.size(s.faces)]
     spheres = [s for s in solids if isinstance(s, Spheres) and np.size(s.centers)]
     others = {type(s).__name__.lower() for s in solids} - {"mesh", "spheres"}
@@ -40,7 +41,8 @@ def save(scene: Scene, path: Path, reports: Reports) -> None:
     if meshes and spheres:
         reports.add("spheres: a PLY file has triangles or points; left out")
     if not meshes and not spheres:
-        raise SceneError("the scene has no mesh and no spheres")
+        left = "; ".join(("", *reports.lines))
+        raise SceneError(f"the scene has no mesh and no spheres{left}")
     used = meshes or spheres
     _report(scene, used, reports)
     elements = _mesh(scene, meshes, reports) if meshes else {"vertex": _points(scene, spheres)}
@@ -87,8 +89,8 @@ def _values(material: Material) -> Iterator[Any]:
             yield from _values(value)
 
 
-def _solids(shapes: Sequence[Shape]) -> Iterator[Any]:
-    """All shapes, copies multiplied out."""
+def _solids(shapes: Sequence[Shape], reports: Reports) -> Iterator[Any]:
+    """All shapes, copies of meshes and spheres multiplied out."""
     count = 0
     for shape in shapes:
         if not isinstance(shape, Instances):
@@ -96,22 +98,59 @@ def _solids(shapes: Sequence[Shape]) -> Iterator[Any]:
             continue
         matrices = np.asarray(shape.transforms, np.float64)[:, :3]
         for part in shape.shapes:
-            if not isinstance(part, Mesh):
-                kind = type(part).__name__.lower()
-                raise SceneError(
-                    f"shape {shape.name!r} has copies of {kind}; only"
-                    " copies of meshes are multiplied out"
-                )
-            count += len(np.asarray(part.faces)) * len(matrices)
+            if isinstance(part, Mesh):
+                count += len(np.asarray(part.faces)) * len(matrices)
+            elif isinstance(part, Spheres):
+                count += len(np.asarray(part.centers)) * len(matrices)
             if count > _MOST:
-                raise SceneError(f"the copies make more than {_MOST:,} triangles")
-            own = shape.colors is None or part.colors is not None
+                raise SceneError(f"the copies make more than {_MOST:,} triangles or spheres")
+            colors = None
+            if shape.colors is not None and part.colors is None:
+                colors = np.asarray(shape.colors)
+            if isinstance(part, Spheres):
+                even = is_even(matrices)
+                if not even.all():
+                    reports.add(
+                        f"shape {shape.name!r}: copies of spheres that are ellipsoids: PLY has"
+                        " none; left out"
+                    )
+                yield _spheres(part, matrices[even], None if colors is None else colors[even])
+                continue
+            if not isinstance(part, Mesh):
+                yield part  # of which none is written
+                continue
             for i, matrix in enumerate(matrices):
                 moved = _moved(part, matrix)
-                if not own:
-                    color = np.asarray(shape.colors)[i]
-                    moved = replace(moved, colors=np.tile(color, (len(np.asarray(part.faces)), 1)))
+                if colors is not None:
+                    tint = np.tile(colors[i], (len(np.asarray(part.faces)), 1))
+                    moved = replace(moved, colors=tint)
                 yield moved
+
+
+def _spheres(
+    spheres: Spheres, matrices: NDArray[np.float64], colors: NDArray[Any] | None
+) -> Spheres:
+    """All copies of spheres. colors: of the copies, None for the spheres' own."""
+    centers = np.asarray(spheres.centers).reshape(-1, 3)
+    count, copies = len(centers), len(matrices)
+    kind = np.float32 if centers.dtype == np.float32 else np.float64
+    moved = centers @ matrices[:, :, :3].transpose(0, 2, 1) + matrices[:, None, :, 3]
+    scales = np.linalg.norm(matrices[:, :, 0], axis=1)
+    radii = scales[:, None] * np.broadcast_to(np.asarray(spheres.radii, np.float64), count)
+    material, own = spheres.material, spheres.colors
+    return replace(
+        spheres,
+        centers=moved.reshape(-1, 3).astype(kind),
+        radii=radii.ravel(),
+        material=material
+        if isinstance(material, (str, Material))
+        else np.tile(np.asarray(material), copies),
+        colors=np.repeat(colors, count, axis=0)
+        if colors is not None
+        else None
+        if own is None
+        else np.tile(np.asarray(own), (copies, 1)),
+    )
 
 
 def _moved(mesh: Mesh, matrix: NDArray[np.float64]) -> Mesh:
