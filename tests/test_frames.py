@@ -17,7 +17,7 @@ import parhelion as ph
 from parhelion import cli
 from parhelion.framing import placed
 from parhelion.io import lammps, text
-from parhelion.io.frames import load_frames
+from parhelion.io.frames import _Reach, load_frames
 from parhelion.particles import Labels
 
 SMALL = ["--width", "32", "--spp", "1"]
@@ -154,6 +154,23 @@ def test_the_camera_stays_and_shows_every_frame_whole(tmp_path: Path, aspect: fl
     best = placed(whole, aspect)
     size = np.linalg.norm(np.subtract(best.eye, best.target))
     assert_allclose(cameras[0].eye, best.eye, atol=0.01 * size)
+
+
+def test_none_of_many_spheres_reaches_beyond_those_that_are_kept() -> None:
+    random = np.random.default_rng(5)
+    parts = [
+        (random.normal(size=(5000, 3)).astype(np.float32), random.uniform(0, 0.5, 5000)),
+        (random.uniform(-3, 3, (777, 3)) * [1, 1, 0], np.float64(0.0)),
+        (np.array([[9.0, 0, 0]]), np.float64(0.25)),
+    ]
+    reach = _Reach()
+    reach.add(parts)
+    kept = reach.spheres()
+    assert len(kept.centers) < 400
+    for direction in reach._directions:
+        most = max(float((c @ direction + r).max()) for c, r in parts)
+        ours = (kept.centers @ direction + kept.radii).max()  # type: ignore[operator]
+        assert ours == pytest.approx(most, rel=1e-6)
 
 
 def test_light_and_ground_stay(tmp_path: Path) -> None:

@@ -42,8 +42,10 @@ _MOST = 1_000_000
 _NEAR = 1e-6
 # Directions in which it is kept how far the frames reach; those between are off by 0.4 % at most.
 _DIRECTIONS = 512
-# Spheres whose distances along all directions are computed at a time.
-_BLOCK = 1 << 15
+# Spheres whose distances along all directions are computed at a time; those that are sorted into
+# cells, so many along each axis; and of these, neighbours that are left out together if none of
+# them can be the farthest.
+_BLOCK, _SORTED, _CELLS, _CLUSTER = 1 << 15, 1 << 18, 32, 16
 
 
 def load_frames(
@@ -326,10 +328,32 @@ class _Reach:
     def add(self, pairs: Iterable[tuple[NDArray[Any], NDArray[Any]]]) -> None:
         for centers, radii in pairs:
             around = np.broadcast_to(radii, len(centers))
-            for start in range(0, len(centers), _BLOCK):
-                self._add(centers[start : start + _BLOCK], around[start : start + _BLOCK])
+            for start in range(0, len(centers), _SORTED):
+                part = slice(start, start + _SORTED)
+                self._add_part(centers[part], around[part])
+
+    def _add_part(self, centers: NDArray[Any], radii: NDArray[Any]) -> None:
+        order = _by_cells(centers)
+        centers, radii = centers[order], radii[order]
+        whole = len(centers) // _CLUSTER * _CLUSTER
+        clusters = centers[:whole].reshape(-1, _CLUSTER, 3).astype(np.float64)
+        sizes = radii[:whole].reshape(-1, _CLUSTER)
+        low, high = clusters.min(axis=1), clusters.max(axis=1)
+        size = 0.5 * np.linalg.norm(high - low, axis=1) + sizes.max(axis=1)
+        out = 0.5 * (low + high) @ self._directions.T + size[:, None]
+        self._add(centers[whole:], radii[whole:])
+        # those that may reach farthest come first, and tell most of the others
+        chosen = np.unique(np.argmax(out[:, ::16], axis=0)) if len(out) else np.empty(0, np.intp)
+        for _ in range(2):
+            for start in range(0, len(chosen), _BLOCK // _CLUSTER):
+                own = chosen[start : start + _BLOCK // _CLUSTER]
+                self._add(clusters[own].reshape(-1, 3), sizes[own].ravel())
+            out[chosen] = -np.inf
+            chosen = np.flatnonzero((out > self._most).any(axis=1))
 
     def _add(self, centers: NDArray[Any], radii: NDArray[Any]) -> None:
+        if not len(centers):
+            return
         out = centers.astype(np.float64) @ self._directions.T + radii[:, None]
         best = np.argmax(out, axis=0)
         most = out[best, np.arange(len(best))]
@@ -341,6 +365,15 @@ class _Reach:
         known = np.isfinite(self._most)  # of nothing, nothing
         found = np.unique(np.column_stack([self._centers, self._radii])[known], axis=0)
         return Spheres(found[:, :3], found[:, 3], name="frames")
+
+
+def _by_cells(points: NDArray[Any]) -> NDArray[np.intp]:
+    """An order in which points that follow each other are near each other, mostly."""
+    low = points.min(axis=0)
+    extent = points.max(axis=0).astype(np.float64) - low
+    scale = (_CELLS - 0.5) / np.where(extent > 0.0, extent, 1.0)
+    x, y, z = ((points - low) * scale).astype(np.uint16).T
+    return np.argsort((x * _CELLS + y) * _CELLS + z, kind="stable")
 
 
 def _known() -> list[str]:
