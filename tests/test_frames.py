@@ -17,7 +17,7 @@ import parhelion as ph
 from parhelion import cli
 from parhelion.framing import placed
 from parhelion.io import lammps, text
-from parhelion.io.frames import _Reach, load_frames
+from parhelion.io.frames import Extent, _Reach, frames_in, load_frames
 from parhelion.particles import Labels
 
 SMALL = ["--width", "32", "--spp", "1"]
@@ -135,6 +135,18 @@ def test_models_of_a_pdb_file(tmp_path: Path) -> None:
     (tmp_path / "a.pdb").write_text("".join(models) + "END\n")
     for scene, number in zip(load_frames(tmp_path / "a.pdb", "::-1"), (2, 1, 0), strict=True):
         assert_allclose(centers(scene), [(number, 0, 0), (number, 2, 0)])
+
+
+def test_which_frames_there_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.xyz").write_text(xyz(moving()))
+    assert frames_in(tmp_path / "a.xyz") == Extent("frames", 0, 5, None)
+    assert cli.main(["info", str(tmp_path / "a.xyz")]) == 0
+    assert "frames: 0 to 5\n" in capsys.readouterr().out
+    (tmp_path / "a.xyz").write_text(xyz(moving(1)))
+    assert cli.main(["info", str(tmp_path / "a.xyz")]) == 0
+    assert "frames:" not in capsys.readouterr().out
+    (tmp_path / "a.json").write_text('{"parhelion": 1}')
+    assert frames_in(tmp_path / "a.json") is None
 
 
 # --- What frames have in common ------------------------------------------------------------------

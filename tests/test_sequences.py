@@ -349,6 +349,8 @@ def test_a_film_plays_at_the_speed_of_its_file(
         "animations": [{"samplers": [{"input": 0, "output": 1}], "channels": [channel]}],
     }
     (tmp_path / "a.gltf").write_text(json.dumps(document))
+    assert cli.main(["info", str(tmp_path / "a.gltf")]) == 0
+    assert "frames: seconds 0 to 1\n" in capsys.readouterr().out
     words = ["render", str(tmp_path / "a.gltf"), "--width", "32", "--spp", "1"]
     film = str(tmp_path / "a.mp4")
     assert cli.main([*words, "--frames", "::0.25", "-o", film]) == 0

@@ -11,6 +11,7 @@ import pytest
 
 import parhelion as ph
 from parhelion.image import encoded, read_pixels
+from parhelion.io.frames import Extent, frames_in
 from parhelion.subdivision import INFINITE, subdivide
 
 # The corners of a cube, and its sides, counter-clockwise from outside
@@ -799,7 +800,10 @@ token visibility.timeSamples = { -2: "invisible", 0: "inherited" } }
 
 
 def test_stages_that_do_not_say_their_range(tmp_path: Path) -> None:
+    path = write(tmp_path, MOVING, RANGE)
+    assert frames_in(path) == Extent("time codes", -2, 2, 12)
     path = write(tmp_path, MOVING)
+    assert frames_in(path) is None
     with pytest.raises(ph.FormatError, match="its first and last time; frames needs both, as in"):
         ph.load_frames(path)
     assert ph.load_frames(path, "0:3").numbers == [0, 1, 2]

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,10 +71,14 @@ def _contents(args: argparse.Namespace) -> dict[str, Any]:
     seconds = time.perf_counter() - start
     with options.naming(args):
         found = contents(scene)
-    file = None
+    file = frames = None
     if args.scene is not None:
+        from ..io.frames import frames_in
+
         file = {"path": str(args.scene), "bytes": Path(args.scene).stat().st_size}
-    return {"file": file, "seconds": seconds, **found, "unsupported": unsupported}
+        extent = frames_in(args.scene, options.load_options(args))
+        frames = None if extent is None else asdict(extent)
+    return {"file": file, "seconds": seconds, "frames": frames, **found, "unsupported": unsupported}
 
 
 @contextmanager
@@ -119,6 +124,8 @@ class _Text:
         if f["file"]:
             size, seconds = _size(f["file"]["bytes"]), f["seconds"]
             root.add(_line(f"file: {f['file']['path']}, {size}, read in {seconds:.2f} s"))
+        if f["frames"] and f["frames"]["first"] != f["frames"]["last"]:
+            root.add(_line(_frames(**f["frames"])))
         shapes = root.add(_line(f"shapes: {_count(len(f['shapes']))}{self._totals()}"))
         self._list(shapes, f["shapes"], self._shape, _others)
         if f["materials"]:
@@ -297,3 +304,9 @@ def _materials() -> str:
             lines.append("  blend: material `b` in the share `weight`, else `a`")
             lines.append(f"  every material also takes: {', '.join(sorted(COMMON))}")
     return "\n".join(lines)
+
+
+def _frames(unit: str, first: float, last: float, per_second: float | None) -> str:
+    what = "frames" if unit == "frames" else f"frames: {unit}"
+    speed = f", {per_second:g} a second" if per_second not in (None, 1.0) else ""
+    return f"{what}{'' if what != unit else ':'} {first:g} to {last:g}{speed}"

@@ -6,7 +6,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import ceil, floor, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -87,6 +87,37 @@ def load_frames(
             yield trajectory
 
     return ParticleFrames(opened, file.name, chosen, frames, rate)
+
+
+def frames_in(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Extent | None:
+    """Which frames load_frames() can take of a file; None if it has none or does not say.
+
+    Raises FormatError for a file that is missing or a trajectory that is broken.
+    """
+    file, module, chosen = resolved(path, options)
+    if hasattr(module, "trajectory"):
+        with reading(file), module.trajectory(file, chosen) as trajectory:
+            return Extent("frames", 0, trajectory.count - 1, None)
+    if not hasattr(module, "timeline"):
+        return None
+    try:
+        with reading(file):
+            timeline: Timeline = module.timeline(file, chosen)
+    except FormatError:  # nothing moves
+        return None
+    if timeline.ends is None:
+        return None
+    return Extent(timeline.unit, *timeline.ends, timeline.per_second)
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The frames of a file, by their numbers. per_second: of times, how many pass; else None."""
+
+    unit: str
+    first: float
+    last: float
+    per_second: float | None
 
 
 def checked_fps(fps: Any) -> float:
