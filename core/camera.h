@@ -54,24 +54,25 @@ PH_INLINE double entry(DVec3 origin, DVec3 direction, const Box& box) {
   return near <= far ? near : infinity;
 }
 
-// Samples whose camera rays are made at once, each step for all of them before the next: loops that
-// compilers turn into vectors.
+// Samples whose camera rays are made at once, each step for all of them before the next: loops of a
+// fixed length, which compilers turn into vectors.
 inline constexpr u32 kBatch = 16;
 
 // Of each sample in a batch: its pixel's column, where in the pixel, and on the lens; then its ray,
 // as `full` and, from where it enters the scene's bounds, `start` away from the camera, as the
 // scene sees it.
+template <u32 kCount>
 struct CameraBatch {
-  u32 x[kBatch], sample[kBatch];
-  float offset_x[kBatch], offset_y[kBatch], lens_x[kBatch], lens_y[kBatch];
-  double full_origin[3][kBatch], full_direction[3][kBatch];
-  float origin[3][kBatch], direction[3][kBatch], start[kBatch];
-  Sight sight[kBatch];
+  u32 x[kCount], sample[kCount];
+  float offset_x[kCount], offset_y[kCount], lens_x[kCount], lens_y[kCount];
+  double full_origin[3][kCount], full_direction[3][kCount];
+  float origin[3][kCount], direction[3][kCount], start[kCount];
+  Sight sight[kCount];
 };
 
-template <class Type>
-PH_INLINE void cast_batch(const Type& camera, u32 y, CameraBatch& b) {
-  for (u32 i = 0; i < kBatch; ++i) {
+template <class Type, u32 kCount>
+PH_INLINE void cast_batch(const Type& camera, u32 y, CameraBatch<kCount>& b) {
+  for (u32 i = 0; i < kCount; ++i) {
     DRay full = {};
     const bool sees =
         cast(camera, static_cast<double>(b.x[i]) + b.offset_x[i],
@@ -87,29 +88,30 @@ PH_INLINE void cast_batch(const Type& camera, u32 y, CameraBatch& b) {
 }
 
 // The rays through offsets, in pixels, from the centres of pixels in row y, which counts downwards.
-PH_INLINE void camera_rays(const Camera& camera, const Box& bounds, u32 y, CameraBatch& b) {
+template <u32 kCount>
+PH_INLINE void camera_rays(const Camera& camera, const Box& bounds, u32 y, CameraBatch<kCount>& b) {
   switch (camera.kind) {
 #define CAMERA(name, Type) \
   case CameraKind::name: cast_batch(camera.name, y, b); break;
 #include "cameras.def"
 #undef CAMERA
   }
-  double far[kBatch];
-  for (u32 i = 0; i < kBatch; ++i) far[i] = 0.0;
+  double far[kCount];
+  for (u32 i = 0; i < kCount; ++i) far[i] = 0.0;
   if (camera.outside) {
-    for (u32 i = 0; i < kBatch; ++i) {
+    for (u32 i = 0; i < kCount; ++i) {
       far[i] =
           entry({b.full_origin[0][i], b.full_origin[1][i], b.full_origin[2][i]},
                 {b.full_direction[0][i], b.full_direction[1][i], b.full_direction[2][i]}, bounds);
     }
   }
   for (u32 k = 0; k < 3; ++k) {
-    for (u32 i = 0; i < kBatch; ++i) {
+    for (u32 i = 0; i < kCount; ++i) {
       b.origin[k][i] = static_cast<float>(b.full_origin[k][i] + b.full_direction[k][i] * far[i]);
       b.direction[k][i] = static_cast<float>(b.full_direction[k][i]);
     }
   }
-  for (u32 i = 0; i < kBatch; ++i) {
+  for (u32 i = 0; i < kCount; ++i) {
     b.start[i] = static_cast<float>(far[i]);
     if (b.sight[i] == Sight::scene && b.start[i] == kInfinity) b.sight[i] = Sight::background;
   }

@@ -379,17 +379,19 @@ inline Vec3 ambient_occlusion(const SceneView& scene, const RenderView& view, co
 }
 
 // How the samples of a batch begin, whose pixels in row y and numbers are given.
-PH_INLINE void begin_paths(const SceneView& scene, const RenderView& view, u32 y, CameraBatch& b) {
-  float place_x[kBatch], place_y[kBatch], lens_x[kBatch], lens_y[kBatch];
-  for (u32 i = 0; i < kBatch; ++i) {
+template <u32 kCount>
+PH_INLINE void begin_paths(const SceneView& scene, const RenderView& view, u32 y,
+                           CameraBatch<kCount>& b) {
+  float place_x[kCount], place_y[kCount], lens_x[kCount], lens_y[kCount];
+  for (u32 i = 0; i < kCount; ++i) {
     const Sampler sampler = make_sampler(view.sampler, b.x[i], y, b.sample[i], view.seed);
     const Vec2 place = draw2(sampler, kDrawPixel), lens = draw2(sampler, kDrawLens);
     place_x[i] = place.x, place_y[i] = place.y;
     lens_x[i] = lens.x, lens_y[i] = lens.y;
   }
-  for (u32 i = 0; i < kBatch; ++i) b.offset_x[i] = filter_offset(view.filter, place_x[i]);
-  for (u32 i = 0; i < kBatch; ++i) b.offset_y[i] = filter_offset(view.filter, place_y[i]);
-  for (u32 i = 0; i < kBatch; ++i) {
+  for (u32 i = 0; i < kCount; ++i) b.offset_x[i] = filter_offset(view.filter, place_x[i]);
+  for (u32 i = 0; i < kCount; ++i) b.offset_y[i] = filter_offset(view.filter, place_y[i]);
+  for (u32 i = 0; i < kCount; ++i) {
     const Vec3 lens = uniform_disk({lens_x[i], lens_y[i]});
     b.lens_x[i] = lens.x, b.lens_y[i] = lens.y;
   }
@@ -398,8 +400,10 @@ PH_INLINE void begin_paths(const SceneView& scene, const RenderView& view, u32 y
 
 // Radiance that one sample of one pixel sees: a pure function of pixel and sample, which begins as
 // the batch has it at place `at`.
+template <u32 kCount>
 inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 y,
-                     const CameraBatch& batch, u32 at, PathStats& stats, Features* features) {
+                     const CameraBatch<kCount>& batch, u32 at, PathStats& stats,
+                     Features* features) {
   const Sampler sampler = make_sampler(view.sampler, batch.x[at], y, batch.sample[at], view.seed);
   PathState path;
   path.sum = {0, 0, 0};
@@ -474,6 +478,16 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 y,
   }
   if (features && path.depth <= 2) features->direct = path.sum - features->emission;
   return path.sum;
+}
+
+// The same of a sample by itself.
+inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample,
+                     PathStats& stats, Features* features) {
+  CameraBatch<1> batch = {};
+  batch.x[0] = x;
+  batch.sample[0] = sample;
+  begin_paths(scene, view, y, batch);
+  return radiance(scene, view, y, batch, 0, stats, features);
 }
 
 }  // namespace parhelion::PH_ISA

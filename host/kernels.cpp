@@ -38,7 +38,7 @@ void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u
   // Batches of samples, pixel after pixel; the rest of the last batch repeats its last sample.
   u32 x = first < last ? x0 : x1, sample = first;
   while (x < x1) {
-    CameraBatch batch;
+    CameraBatch<kBatch> batch;
     u32 n = 0;
     for (; n < kBatch && x < x1; ++n) {
       batch.x[n] = x, batch.sample[n] = sample;
@@ -62,10 +62,7 @@ void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u
 
 Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample) {
   PathStats stats = {0};
-  CameraBatch batch;
-  for (u32 i = 0; i < kBatch; ++i) batch.x[i] = x, batch.sample[i] = sample;
-  begin_paths(scene, view, y, batch);
-  return radiance(scene, view, y, batch, 0, stats, nullptr);
+  return radiance(scene, view, x, y, sample, stats, nullptr);
 }
 
 void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
