@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -732,10 +733,52 @@ def test_broken_files(tmp_path: Path) -> None:
     cut.write_bytes(lying)
     with pytest.raises(ph.FormatError, match=r"SPECS: [0-9]+ bytes cannot hold 1099511627776"):
         load(cut)
+    # the kinds of specs come last; the library looks them up without asking
+    size = int.from_bytes(data[tables[b"SPECS"] + 8 :][:8], "little")
+    lying = bytearray(data)
+    lying[specs + size - 1] ^= 0x40
+    cut.write_bytes(lying)
+    with pytest.raises(ph.FormatError, match=r"SPECS: spec [0-9]+ is of kind -?[0-9]+; must be 1"):
+        load(cut)
+    lying[specs + 17] = 0xFF  # more plain bytes than there are
+    cut.write_bytes(lying)
+    with pytest.raises(ph.FormatError, match=r"SPECS: its [0-9]+ specs cannot be unpacked"):
+        load(cut)
     for name in ("b.usdz", "b.usd"):
         (tmp_path / name).write_bytes(b"PK\x03\x04 no archive")
         with pytest.raises(ph.FormatError, match="cannot be read as USD"):
             load(tmp_path / name)
+
+
+def test_lists_of_what_is_not_there(tmp_path: Path) -> None:
+    """The library ends the process when a .usdc file lists a child that it does not have.
+
+    The lists are numbers of tokens, uncompressed, between head and tables. One after the other
+    becomes another.
+    """
+    from pxr import Sdf
+
+    path = tmp_path / "a.usdc"
+    body = (
+        'def "A" (prepend variantSets = "look") {\nvariantSet "look" = {\n'
+        '"a" {\ndef Sphere "S" {}\n}\n"b" {\ndef Cube "C" {}\n}\n}\n}\ndef Sphere "S" {}'
+    )
+    Sdf.Layer.FindOrOpen(str(write(tmp_path, body))).Export(str(path))
+    data = path.read_bytes()
+    contents = int.from_bytes(data[16:24], "little")
+    tokens = int.from_bytes(data[contents + 24 :][:8], "little")
+    told = set()
+    for at in range(88, tokens):
+        spoilt = bytearray(data)
+        if not spoilt[at]:  # a byte that would make a number large
+            continue
+        spoilt[at] += 1
+        path.write_bytes(spoilt)
+        try:
+            ph.load(path)
+        except ph.FormatError as error:
+            told.update(re.findall("its ([a-z ]*) [0-9]+ is listed, but is not there", str(error)))
+    assert told == {"child", "variant set", "variant"}
 
 
 def test_a_missing_file_is_told(tmp_path: Path) -> None:

@@ -94,7 +94,7 @@ def _layers(path: Path, folders: Folders, reports: Reports) -> list[Any]:
         raise FormatError(f"{path}: cannot be read as USD")
     found, seen = [root], {root.identifier}
     for layer in found:
-        _refuse_deep(layer, f"{path}: {Path(layer.identifier).name}")
+        _refuse_broken(layer, f"{path}: {Path(layer.identifier).name}")
         for name in layer.GetCompositionAssetDependencies():
             asset = layer.ComputeAbsolutePath(name)
             asset, _ = Sdf.Layer.SplitIdentifier(asset)
@@ -137,14 +137,33 @@ def _refuse_deep_text(file: Path, where: str) -> None:
             raise FormatError(f"{where}: has {what} in {what}, more than {_DEEPEST} deep")
 
 
-def _refuse_deep(layer: Any, where: str) -> None:
-    """Raises FormatError for a layer with prims in prims without end."""
-    level = list(layer.rootPrims)
+def _refuse_broken(layer: Any, where: str) -> None:
+    """Raises FormatError for prims in prims without end, or that are named but not there.
+
+    A .usdc file lists children apart from the prims, variant sets and variants themselves; the
+    library ends the process when it follows a list to one that is missing or of another kind.
+    """
+    level = [layer.pseudoRoot]
     for _ in range(_DEEPEST):
-        level = [child for prim in level if prim for child in prim.nameChildren]
+        below = []
+        for prim in level:
+            below += _there(prim.nameChildren, "child", prim, where)
+            for own in _there(prim.variantSets, "variant set", prim, where):
+                variants = _there(own.variants, "variant", prim, where)
+                below += [variant.primSpec for variant in variants]
+        level = below
         if not level:
             return
     raise FormatError(f"{where}: has prims in prims, more than {_DEEPEST} deep")
+
+
+def _there(listed: Any, kind: str, prim: Any, where: str) -> list[Any]:
+    """The specs of a list; the library's views give None for one that is missing."""
+    found = list(listed)
+    if not all(found):
+        number = [bool(spec) for spec in found].index(False)
+        raise FormatError(f"{where}: {prim.path}: its {kind} {number} is listed, but is not there")
+    return found
 
 
 def _check(asset: str, folders: Folders, where: str) -> None:
