@@ -245,6 +245,7 @@ ShapeInput to_shape(const nb::dict& d) {
   if (const float* r = exact<float>(d, "rotation", 9)) std::copy(r, r + 9, s.rotation);
   s.normals = exact<float>(d, "normals", 3 * s.vertex_count);
   s.uvs = exact<float>(d, "uvs", 2 * s.vertex_count);
+  s.tangents = exact<float>(d, "tangents", 4 * s.vertex_count);
   if (d.contains("attributes")) {
     for (nb::handle h : nb::cast<nb::list>(d["attributes"])) {
       const nb::dict a = nb::cast<nb::dict>(h);

@@ -72,7 +72,7 @@ PH_INLINE u32 bounce_draw(u32 depth) { return kDrawFirstBounce + (depth - 1) * k
 PH_INLINE Frame shading_frame(const SceneView& scene, const MaterialRecord& m, const Surface& s,
                               Vec3 wo, float width) {
   Vec3 n = s.shading;
-  Vec3 dpdu = s.dpdu;
+  Vec3 dpdu = s.dpdu, dpdv = s.dpdv;
   if (m.uses_uv) {
     if (m.bump_map != kNone) {
       const Vec2 slope = bump_slope(scene, m.bump_map, s, width) * m.bump_scale;
@@ -84,12 +84,13 @@ PH_INLINE Frame shading_frame(const SceneView& scene, const MaterialRecord& m, c
         dpdu = u;
       }
     }
+    own_axes(scene, s, n, dpdu, dpdv);
     if (m.normal_map != kNone) {
       const Vec3 c = texel(scene, m.normal_map, s, width).rgb;
       const Vec3 local = {2.0f * c.x - 1.0f, 2.0f * c.y - 1.0f, 2.0f * c.z - 1.0f};
       const Frame f = frame_along(n, dpdu);
       // y along v, unless told otherwise: the frame is right-handed, uv need not be.
-      const float side = m.normal_right_handed ? 1.0f : copysign(1.0f, dot(f.y, s.dpdv));
+      const float side = m.normal_right_handed ? 1.0f : copysign(1.0f, dot(f.y, dpdv));
       const Vec3 mapped = f.x * local.x + f.y * (side * local.y) + n * local.z;
       const float size = length(mapped);
       if (size > 1e-6f) n = mapped * (1.0f / size);

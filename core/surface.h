@@ -84,6 +84,27 @@ PH_INLINE const u32* face_of(const ShapeRecord& shape, u32 id) {
   return shape.faces + 3 * static_cast<u64>(id - shape.first_id);
 }
 
+// Sets x and y to the axes of the mesh's own tangent space around a shading normal, if it has one.
+PH_INLINE void own_axes(const SceneView& scene, const Surface& s, Vec3 normal, Vec3& x, Vec3& y) {
+  const Tangent* tangents = s.shape->tangents;
+  if (!tangents) return;
+  const u32* face = face_of(*s.shape, s.id);
+  const Tangent &a = tangents[face[0]], &b = tangents[face[1]], &c = tangents[face[2]];
+  Vec3 along =
+      a.x * (1.0f - s.parameter.x - s.parameter.y) + b.x * s.parameter.x + c.x * s.parameter.y;
+  if (!(dot(along, along) > 1e-12f)) return;
+  bool left = (a.side < 0.0f) != s.shape->inside_out;
+  if (const Instance* instance = instance_of(scene, s.slot)) {
+    const float (&m)[12] = instance->to_scene;
+    along = transform_vector(m, along);
+    // what is mirrored has its cross product on the other side
+    const Vec3 rows[3] = {{m[0], m[1], m[2]}, {m[4], m[5], m[6]}, {m[8], m[9], m[10]}};
+    if (dot(cross(rows[0], rows[1]), rows[2]) < 0.0f) left = !left;
+  }
+  x = along;
+  y = cross(normal, along) * (left ? -1.0f : 1.0f);
+}
+
 // Which side is outside: that of the mesh's own normals, where it has some, else that of its
 // winding. normal: geometric, in the group's frame; shading is set to the interpolated one.
 PH_INLINE void orient(const ShapeRecord& shape, u32 id, Vec2 parameter, Vec3& normal,

@@ -71,6 +71,13 @@ struct MeshAttribute {
   bool per_face;   // else per vertex
 };
 
+// At a vertex: where a normal map's x leads, unit, and on which side of it y lies, 1 for that of
+// the cross product normal x x, -1 for the other.
+struct Tangent {
+  Vec3 x;
+  float side;
+};
+
 // What all primitives of one shape of the user's have in common. Null pointers: there is none.
 struct ShapeRecord {
   u32 first_id;         // ids of its primitives go on from here
@@ -79,6 +86,7 @@ struct ShapeRecord {
   const u32* faces;     // three vertices a triangle
   const Vec3* normals;  // by vertex, unit
   const Vec2* uvs;      // by vertex
+  const Tangent* tangents;
   const MeshAttribute* attributes;
   u32 attribute_count;
   bool inside_out;    // normals point the other way

@@ -388,25 +388,35 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
   built.push_back(std::move(group));
 }
 
+// The direction of three numbers, 0 of 0.
+static Vec3 unit(const float* v) {
+  const double x = v[0], y = v[1], z = v[2];
+  const double size = std::sqrt(x * x + y * y + z * z);
+  const double k = size > 0.0 ? 1.0 / size : 0.0;
+  return {static_cast<float>(x * k), static_cast<float>(y * k), static_cast<float>(z * k)};
+}
+
 void Scene::keep_mesh(const ShapeInput& s, ShapeRecord& record) {
   auto data = std::make_unique<MeshData>();
   data->faces.assign(s.faces, s.faces + 3 * s.count);
   record.faces = data->faces.data();
   if (s.normals) {
     data->normals.resize(s.vertex_count);
-    for (size_t i = 0; i < s.vertex_count; ++i) {
-      const double x = s.normals[3 * i], y = s.normals[3 * i + 1], z = s.normals[3 * i + 2];
-      const double size = std::sqrt(x * x + y * y + z * z);
-      const double k = size > 0.0 ? 1.0 / size : 0.0;
-      data->normals[i] = {static_cast<float>(x * k), static_cast<float>(y * k),
-                          static_cast<float>(z * k)};
-    }
+    for (size_t i = 0; i < s.vertex_count; ++i) data->normals[i] = unit(s.normals + 3 * i);
     record.normals = data->normals.data();
   }
   if (s.uvs) {
     data->uvs.resize(s.vertex_count);
     for (size_t i = 0; i < s.vertex_count; ++i) data->uvs[i] = {s.uvs[2 * i], s.uvs[2 * i + 1]};
     record.uvs = data->uvs.data();
+  }
+  if (s.tangents) {
+    data->tangents.resize(s.vertex_count);
+    for (size_t i = 0; i < s.vertex_count; ++i) {
+      const float* t = s.tangents + 4 * i;
+      data->tangents[i] = {unit(t), t[3] < 0.0f ? -1.0f : 1.0f};
+    }
+    record.tangents = data->tangents.data();
   }
   for (const AttributeInput& a : s.attributes) {
     const size_t n = a.rows * a.components;
@@ -608,7 +618,7 @@ size_t Scene::memory() const {
 #undef SHAPE
   for (const auto& mesh : meshes_) {
     n += mesh->faces.capacity() * sizeof(u32) + mesh->normals.capacity() * sizeof(Vec3) +
-         mesh->uvs.capacity() * sizeof(Vec2);
+         mesh->uvs.capacity() * sizeof(Vec2) + mesh->tangents.capacity() * sizeof(Tangent);
   }
   for (const ImagePyramid& p : pyramids_) n += p.memory();
   return n;

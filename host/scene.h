@@ -50,6 +50,7 @@ struct ShapeInput {
   size_t vertex_count = 0;
   const float* normals = nullptr;
   const float* uvs = nullptr;
+  const float* tangents = nullptr;  // four numbers each
   std::vector<AttributeInput> attributes;
 
   // Instances: of a group, by (count, 12) affine matrices; colours for what has none of its own.
@@ -108,6 +109,7 @@ class Scene {
     std::vector<u32> faces;
     std::vector<Vec3> normals;
     std::vector<Vec2> uvs;
+    std::vector<Tangent> tangents;
     std::vector<MeshAttribute> attributes;
     std::vector<std::unique_ptr<float[]>> values;
   };

@@ -436,6 +436,7 @@ def test_info_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
                     "vertices": 3,
                     "normals": False,
                     "uvs": False,
+                    "tangents": False,
                     "attributes": ["face_age"],
                 }
             ],

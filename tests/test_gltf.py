@@ -315,6 +315,39 @@ def test_a_skin_in_its_pose(read: Any) -> None:
     assert_allclose(triangles(read(skinned()).shapes[0])[0], expected, atol=1e-6)
 
 
+def test_tangents(read: Any) -> None:
+    """They go where the mesh goes; mirrored, their fourth number changes. They come only with
+    normals, for materials that need them.
+    """
+    tangents = np.array([[1, 0, 0, 1], [0, 1, 0, 1], [1, 0, 0, -1]], np.float32)
+    normals = np.tile(np.array([[0, 0, 1]], np.float32), (3, 1))
+    f = skinned()
+    bumpy = f.add("materials", normalTexture=f.picture(np.full((1, 1, 3), 128, np.uint8)))
+    f.add("materials", extensions={"KHR_materials_anisotropy": {"anisotropyStrength": 0.5}})
+    f.add("materials")
+    primitive = f.json["meshes"][0]["primitives"][0]
+    primitive |= {"material": bumpy, "targets": [{"TANGENT": f.array(np.full((3, 3), 2.0))}]}
+    primitive["attributes"] |= {"NORMAL": f.array(normals), "TANGENT": f.array(tangents)}
+    # turned by a quarter, and that added to what is not
+    expected = np.array([[0, 1, 0, 1], [-1, 0, 0, 1], [0.5, 0.5, 0, -1]])
+    assert_allclose(read(f).shapes[0].tangents, expected, atol=1e-6)
+    node = f.json["nodes"][0]
+    del node["skin"]
+    node["scale"] = [-2, 1, 1]
+    expected = tangents * [-2, 1, 1, -1]
+    assert_allclose(read(f).shapes[0].tangents, expected)
+    node["weights"] = [1.0]
+    expected = np.array([[-6, 2, 2, -1], [-4, 3, 2, -1], [-6, 2, 2, 1]])
+    assert_allclose(read(f).shapes[0].tangents, expected)
+    primitive["material"] = 1
+    assert_allclose(read(f).shapes[0].tangents, expected)
+    primitive["material"] = 2
+    assert read(f).shapes[0].tangents is None
+    primitive["material"] = 1
+    del primitive["attributes"]["NORMAL"]
+    assert read(f).shapes[0].tangents is None
+
+
 @pytest.mark.parametrize(
     ("interpolation", "values", "at", "expected"),
     [

@@ -41,6 +41,7 @@ def torus(rings: int = 24, around: int = 12) -> ph.Mesh:
     corner = np.arange(rings * (around + 1)).reshape(rings, around + 1)[:, :-1].ravel()
     right = corner + around + 1
     faces = np.stack([corner, right, right + 1, corner, right + 1, corner + 1], axis=1)
+    slanted = np.stack([-np.sin(a), np.sin(b), -np.cos(a), np.copysign(1.0, np.sin(a))], axis=1)
     return ph.Mesh(
         np.float32(middle + 0.4 * normals),
         faces.reshape(-1, 3),
@@ -48,6 +49,7 @@ def torus(rings: int = 24, around: int = 12) -> ph.Mesh:
         uvs=np.float32(np.stack([u.ravel(), v.ravel()], axis=1)),
         material=np.repeat(["painted", "gold"], [rings * around, rings * around]),
         name="torus",
+        tangents=np.float32(slanted),
     )
 
 
@@ -64,6 +66,7 @@ def full_scene() -> ph.Scene:
         mesh.uvs,
         mesh.material,
         attributes={"vertex_age": RANDOM.random(len(np.asarray(mesh.vertices)), np.float32)},
+        tangents=mesh.tangents,
     )
     balls = ph.Spheres(
         RANDOM.normal(size=(60, 3)),
@@ -82,7 +85,7 @@ def full_scene() -> ph.Scene:
     return ph.Scene(
         [mesh, balls, disks, strands, ph.Instances([part], turns[:, :3])],
         {
-            "painted": ph.Material("diffuse", color=wood, roughness=0.3),
+            "painted": ph.Material("diffuse", color=wood, roughness=0.3, normal_map=wood),
             "gold": ph.Material("principled", metallic=1.0, color=(0.9, 0.7, 0.2), roughness=age),
             "two": ph.Material("blend", a="painted", b=ph.Material("dielectric"), weight=wood),
         },

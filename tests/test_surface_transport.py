@@ -1200,6 +1200,69 @@ def test_green_of_a_normal_map(frame: str, mirrored: bool) -> None:
     np.testing.assert_allclose(pixels, expected, rtol=1e-5)
 
 
+@pytest.mark.parametrize("degrees", [0.0, 50.0])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("way", ["plain", "instance", "mirrored", "inside out", "no uvs"])
+def test_tangents_of_a_mesh(degrees: float, side: float, way: str) -> None:
+    """They do to a normal map what uvs of that direction do, and have that known result."""
+    floor, normal = Floor(), np.array([0.6, 0.3, 0.742])
+    normal /= np.linalg.norm(normal)
+    mesh = floor.mesh()
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    material = ph.Material(
+        "diffuse", color=(1, 1, 1), normal_map=constant_texture((normal + 1) / 2)
+    )
+    # u along (c, 0, -s); the mesh's normal is y, so y x u is (-s, 0, -c)
+    corners = np.asarray(mesh.vertices)
+    along, across = np.array([c, 0, -s]), side * np.array([-s, 0, -c])
+    turned = replace(
+        mesh, material=material, uvs=np.stack([corners @ along, corners @ across], axis=1)
+    )
+    given = replace(
+        mesh,
+        material=material,
+        uvs=None if way == "no uvs" else mesh.uvs,
+        tangents=np.tile([*(3.0 * along), side], (len(corners), 1)),
+    )
+    expected = (along * normal[0] + across * normal[1] + [0, normal[2], 0]) @ TOWARD_SLANTED
+    shapes: list[Any] = [turned, given]
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])
+    if way == "inside out":  # turned around twice
+        faces = np.asarray(mesh.faces)[:, ::-1]
+        shapes = [replace(m, faces=faces, inside_out=True) for m in shapes]
+        shapes[1] = replace(shapes[1], tangents=shapes[1].tangents * [1, 1, 1, -1])
+    elif way in ("instance", "mirrored"):
+        matrix = mirror if way == "mirrored" else np.eye(4)
+        shapes = [ph.Instances((m,), [matrix]) for m in shapes]
+        if way == "mirrored":
+            along, across = along * [-1, 1, 1], across * [-1, 1, 1]
+            expected = (along * normal[0] + across * normal[1] + [0, normal[2], 0]) @ TOWARD_SLANTED
+    for shape in shapes:
+        scene = ph.Scene([shape], camera=floor.camera(), background=DARK, lights=[SLANTED])
+        pixels = picture(scene, width=4, height=4, spp=1, max_depth=2)
+        np.testing.assert_allclose(pixels, max(expected, 0.0), rtol=1e-5, atol=1e-6)
+
+
+def test_tangents_turn_anisotropy() -> None:
+    """As uvs of that direction do."""
+    floor = Floor()
+    metal = ph.Material("principled", metallic=1.0, roughness=0.4, anisotropy=0.9)
+    mesh = replace(floor.mesh(), material=metal)
+    corners = np.asarray(mesh.vertices)
+    along, across = np.array([0.8, 0, -0.6]), np.array([-0.6, 0, -0.8])
+    turned = replace(mesh, uvs=np.stack([corners @ along, corners @ across], axis=1))
+    given = replace(mesh, tangents=np.tile([*along, 1.0], (len(corners), 1)))
+    pixels = [
+        picture(
+            ph.Scene([m], camera=floor.camera(), background=DARK, lights=[SLANTED]),
+            width=4, height=4, spp=1, max_depth=2,
+        )
+        for m in (mesh, turned, given)
+    ]  # fmt: skip
+    np.testing.assert_allclose(pixels[2], pixels[1], rtol=1e-4)
+    assert np.abs(pixels[1] / pixels[0] - 1).min() > 0.05
+
+
 def test_textures_are_cut_to_their_parameters_range() -> None:
     image = np.array([[[5.0, 0.5, -1.0]]], np.float32)
     texture = ph.Texture("image", image=image, filter="nearest")

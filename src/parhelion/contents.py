@@ -128,6 +128,7 @@ def _shape(
             "vertices": len(record["vertices"]),
             "normals": shape.normals is not None,
             "uvs": shape.uvs is not None,
+            "tangents": shape.tangents is not None,
             "attributes": list(shape.attributes),
         }
     return found

@@ -686,7 +686,7 @@ def _mesh(shape: Mesh, where: str) -> dict[str, Any]:
         "vertices": vertices,
         "faces": np.ascontiguousarray(faces, dtype=np.uint32),
     }
-    for key, width in (("normals", 3), ("uvs", 2)):
+    for key, width in (("normals", 3), ("uvs", 2), ("tangents", 4)):
         values = getattr(shape, key)
         if values is None:
             continue

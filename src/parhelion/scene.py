@@ -222,6 +222,9 @@ class Mesh:
     attributes: named arrays for Texture("attribute", name=...), (V,), (V, 3), (F,) or (F, 3), and
         for uvs of a Texture, (V, 2) or (F, 2); the name begins with "vertex_" or "face_".
     inside_out: normals point the other way.
+    tangents: (V, 4), or None for the directions of the uvs. The first three lead along a normal
+        map's red axis, and along that of anisotropy. The fourth is 1 where the green axis is that
+        of the cross product normal x tangent, -1 on the other side.
     """
 
     vertices: ArrayLike
@@ -233,6 +236,7 @@ class Mesh:
     attributes: Mapping[str, ArrayLike] = field(default_factory=dict)
     name: str = "mesh"
     inside_out: bool = False
+    tangents: ArrayLike | None = None
 
 
 @dataclass(frozen=True, eq=False)

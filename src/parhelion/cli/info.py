@@ -196,7 +196,7 @@ class _Text:
         parts = [f"{_count(shape['count'])} {unit}"]
         if "vertices" in shape:
             parts.append(f"{_count(shape['vertices'])} vertices")
-            parts += [n for n in ("normals", "uvs") if shape[n]]
+            parts += [n for n in ("normals", "uvs", "tangents") if shape[n]]
             parts += [_clip(n) for n in shape["attributes"][:4]]
         if shape["colors"]:
             parts.append("colors")

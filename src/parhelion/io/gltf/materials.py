@@ -37,13 +37,14 @@ class Surface:
     textures lie on, and what the primitive's vertex colours add to its attributes.
 
     uv_set: of the mesh's uvs. others: those that become attributes, by `uv_name`. textured: some
-    texture lies on the mesh's uvs.
+    texture lies on the mesh's uvs. oriented: it needs tangents.
     """
 
     name: str
     uv_set: int
     others: tuple[int, ...]
     textured: bool
+    oriented: bool
     attributes: dict[str, NDArray[np.float32]]
 
 
@@ -87,7 +88,7 @@ class Materials:
             self._take_colors(draft, colors)
         key = (index, draft.tint, draft.alpha, draft.vertex_color, draft.vertex_alpha)
         if key not in self._surfaces:
-            # tangents, which normal maps need, come from a mesh's own uvs
+            # tangents, which normal maps need, come from a mesh's own uvs if it has none
             first = source.normal_texture or self._base_texture(draft)
             if first is not None:
                 draft.uv_set = self._images.uv_set(first, draft.where)
@@ -97,7 +98,15 @@ class Materials:
             self._surfaces[key] = (name, draft)
         name, made = self._surfaces[key]
         attributes = self._attributes(draft, colors)
-        return Surface(name, made.uv_set, tuple(made.others), made.textured, attributes)
+        return Surface(
+            name=name,
+            uv_set=made.uv_set,
+            others=tuple(made.others),
+            textured=made.textured,
+            oriented=source.normal_texture is not None
+            or "KHR_materials_anisotropy" in source.extensions,
+            attributes=attributes,
+        )
 
     def _name(self, name: str) -> str:
         """The name, with a number if another material has it."""

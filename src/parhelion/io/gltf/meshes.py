@@ -27,7 +27,7 @@ _CORNERS = {POINTS: 1, LINES: 2, TRIANGLES: 3}
 # Attributes: how many numbers they may have
 _ATTRIBUTES = {
     "POSITION": (3,), "NORMAL": (3,), "TEXCOORD": (2,), "COLOR": (3, 4), "JOINTS": (4,),
-    "WEIGHTS": (4,),
+    "WEIGHTS": (4,), "TANGENT": (4,),
 }  # fmt: skip
 
 
@@ -36,8 +36,9 @@ class Geometry:
     """One primitive, in the mesh's own frame.
 
     positions: (V, 3). corners: (N, 1 to 3) vertices of each point, line or triangle, by `kind`.
-    normals: (V, 3) or None. uvs: (V, 2) each, by the number of the set; v runs down. colors: (V, 3)
-    or (V, 4) or None. joints, weights: (V, 4 k) of a skin.
+    normals: (V, 3) or None; tangents: (V, 4) or None, of what has normals. uvs: (V, 2) each, by
+    the number of the set; v runs down. colors: (V, 3) or (V, 4) or None. joints, weights:
+    (V, 4 k) of a skin.
     """
 
     where: str
@@ -45,6 +46,7 @@ class Geometry:
     positions: Floats
     corners: Integers
     normals: Floats | None = None
+    tangents: Floats | None = None
     uvs: dict[int, Floats] = field(default_factory=dict)
     colors: Floats | None = None
     joints: Integers | None = None
@@ -93,7 +95,7 @@ def _read(s: Source, primitive: schema.Primitive, weights: Sequence[float], wher
     for name, accessor in primitive.attributes.items():
         kind, _, number = name.partition("_")
         if kind not in _ATTRIBUTES or not re.fullmatch("|[0-9]{1,3}", number):
-            continue  # TANGENT, and what applications add
+            continue  # what applications add
         place, widths = f"{where}.attributes.{name}", _ATTRIBUTES[kind]
         if unpacked is not None and name in unpacked.attributes:
             values = unpacked.attributes[name]
@@ -131,11 +133,14 @@ def _morph(
             if name not in arrays or name.startswith(("JOINTS", "WEIGHTS")):
                 continue
             place = f"{where}.targets[{t}].{name}"
-            width = arrays[name].shape[1]
+            # a tangent's fourth number is no direction
+            width = 3 if name == "TANGENT" else arrays[name].shape[1]
             if accessors.count(s, accessor, place) != len(arrays[name]):
                 raise s.error(f"{place}: has another number of elements than the primitive")
             moves = accessors.floats(s, accessor, place, (width,))
-            arrays[name] = accessors.finite(s, arrays[name] + np.float32(weight) * moves, place)
+            moved = arrays[name].copy()
+            moved[:, :width] += np.float32(weight) * moves
+            arrays[name] = accessors.finite(s, moved, place)
 
 
 # --- Corners -------------------------------------------------------------------------------------
@@ -217,6 +222,7 @@ def _compact(
         positions=arrays["POSITION"],
         corners=corners,
         normals=arrays.get("NORMAL"),
+        tangents=arrays.get("TANGENT") if "NORMAL" in arrays else None,
         uvs={number: arrays[f"TEXCOORD_{number}"] for number in sets},
         colors=arrays.get("COLOR_0"),
         joints=np.hstack(groups["JOINTS"]).astype(np.int64) if skinned else None,
@@ -267,7 +273,10 @@ def skinned(s: Source, g: Geometry, matrices: NDArray[np.float64]) -> Geometry:
     normals = g.normals
     if normals is not None:
         normals = np.einsum("vij,vj->vi", cofactors(blend[:, :, :3]), normals)
-    return replace(g, positions=moved, normals=normals)
+    tangents = g.tangents
+    if tangents is not None:
+        tangents = turned(blend[:, :, :3], tangents)
+    return replace(g, positions=moved, normals=normals, tangents=tangents)
 
 
 def moved(g: Geometry, matrix: NDArray[np.float64]) -> Geometry:
@@ -282,7 +291,22 @@ def moved(g: Geometry, matrix: NDArray[np.float64]) -> Geometry:
     normals = g.normals
     if normals is not None:
         normals = (normals @ cofactors(linear[None])[0].T).astype(np.float32)
-    return replace(g, positions=positions, normals=normals, corners=corners)
+    tangents = g.tangents
+    if tangents is not None:
+        tangents = turned(linear[None], tangents)
+    return replace(g, positions=positions, normals=normals, tangents=tangents, corners=corners)
+
+
+def turned(linear: NDArray[Any], tangents: Floats) -> Floats:
+    """Tangents under (N, 3, 3) matrices, or one for all. What is mirrored has its bitangent on the
+    other side of normal and tangent.
+    """
+    made = np.empty_like(tangents)
+    made[:, :3] = np.einsum(
+        "vij,vj->vi", np.broadcast_to(linear, (len(made), 3, 3)), tangents[:, :3]
+    )
+    made[:, 3] = np.where(np.linalg.det(linear) < 0.0, -tangents[:, 3], tangents[:, 3])
+    return made
 
 
 def cofactors(linear: NDArray[Any]) -> NDArray[Any]:

@@ -170,11 +170,13 @@ class Reader:
                 )
             elif needed in surface.others:
                 surface.attributes[uv_name(needed)] = uvs[needed]
+        tangents = g.tangents if surface.oriented else None
         return Mesh(
             vertices=np.ascontiguousarray(g.positions, np.float32),
             faces=g.corners.astype(np.uint32),
             normals=None if g.normals is None else np.ascontiguousarray(g.normals, np.float32),
             uvs=uvs.get(surface.uv_set),
+            tangents=tangents,
             material=surface.name,
             attributes=surface.attributes,
             name=self._unique(name),

@@ -212,6 +212,10 @@ class _Writer:
         if mesh.normals is not None:
             sign = np.float32(-1.0 if reverse else 1.0)
             attributes["NORMAL"] = array("normals", mesh.normals, lambda a: sign * _unit(a))
+        if mesh.tangents is not None and mesh.normals is not None:
+            attributes["TANGENT"] = array(
+                "tangents", mesh.tangents, lambda a: _tangents(a, reverse)
+            )
         count = len(np.asarray(mesh.vertices))
         for i, name in enumerate(sets):
             given = mesh.attributes.get(name) if name else mesh.uvs
@@ -527,6 +531,14 @@ def _thickness(points: Any) -> float:
     """The least extent of a mesh that is not 0; 1 of a point."""
     extent = np.ptp(np.asarray(points, np.float64), axis=0)
     return float(extent[extent > 0.0].min()) if extent.any() else 1.0
+
+
+def _tangents(given: NDArray[Any], reverse: bool) -> NDArray[np.float32]:
+    """As glTF has them: unit, with 1 or -1; the other of these where normals are reversed."""
+    made = np.asarray(given, np.float32).copy()
+    made[:, :3] = _unit(made[:, :3])
+    made[:, 3] = np.where((made[:, 3] < 0.0) != reverse, -1.0, 1.0)
+    return np.asarray(made)
 
 
 def _unit(normals: NDArray[Any]) -> NDArray[np.float32]:

@@ -278,6 +278,13 @@ class Mesh(Struct, forbid_unknown_fields=True, tag_field="type", tag="mesh"):
         list[Vec2] | File | Stored | None,
         _doc("u, v of each vertex, or a .npy file of shape (N, 2)"),
     ] = None
+    tangents: Annotated[
+        list[Vec4] | File | Stored | None,
+        _doc(
+            "of each vertex the direction of a normal map's red axis, and 1 if its green one is "
+            "normal x that, -1 if it is the other way; null is that of the uvs"
+        ),
+    ] = None
     material: Annotated[Name | list[Name] | ShapeMaterial, _MATERIAL] = msgspec.field(
         default_factory=_diffuse
     )

@@ -47,7 +47,7 @@ class _Array:
     whole: bool = False
 
 
-_ONE, _TWO, _THREE = ((),), ((2,),), ((3,),)
+_ONE, _TWO, _THREE, _FOUR = ((),), ((2,),), ((3,),), ((4,),)
 
 _ARRAYS: dict[type[Struct], dict[str, _Array]] = {
     Spheres: {
@@ -60,6 +60,7 @@ _ARRAYS: dict[type[Struct], dict[str, _Array]] = {
         "faces": _Array(_THREE, 0, whole=True),
         "normals": _Array(_THREE, of="vertices"),
         "uvs": _Array(_TWO, of="vertices"),
+        "tangents": _Array(_FOUR, of="vertices"),
         "colors": _Array(_THREE, 0.0, "faces"),
     },
     Disks: {
