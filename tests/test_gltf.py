@@ -723,6 +723,51 @@ def test_panes_without_volume_are_thin(read: Any) -> None:
     ph.prepare(read(f))
 
 
+def test_diffuse_transmission(read: Any, caplog: pytest.LogCaptureFixture) -> None:
+    """Of what does not shine a sheet, (1 - f) base back and f color through; else a blend."""
+    f = File()
+    name = "KHR_materials_diffuse_transmission"
+    thin = {"diffuseTransmissionFactor": 0.25, "diffuseTransmissionColorFactor": [0.5, 1, 0.25]}
+    dull = {"KHR_materials_specular": {"specularFactor": 0}}
+    pbr = {"baseColorFactor": [0.5, 0.25, 1, 1], "metallicFactor": 0}
+    f.material(pbrMetallicRoughness=pbr, extensions={name: thin, **dull})
+    material = f.json["materials"][0]
+    found = only_material(read(f))
+    assert found.type == "diffuse_transmission"
+    assert_allclose(found.params["color"], [0.375, 0.1875, 0.75])
+    assert_allclose(found.params["transmittance"], [0.125, 0.25, 0.0625])
+    assert not caplog.messages
+    # a texture of the share, in alpha, and one of the colour
+    alpha, paint = np.full((1, 1, 4), [0, 0, 0, 51], np.uint8), np.full((1, 1, 3), 255, np.uint8)
+    textures = {"diffuseTransmissionTexture": f.picture(alpha),
+                "diffuseTransmissionColorTexture": f.picture(paint)}  # fmt: skip
+    material["extensions"][name] = thin | textures
+    found = only_material(read(f))
+    assert found.type == "blend"
+    assert found.params["b"].type == "diffuse_transmission"
+    assert found.params["b"].params["color"] == (0.0, 0.0, 0.0)
+    share, through = found.params["weight"].params, found.params["b"].params["transmittance"].params
+    assert share["color0"].params["channel"] == "a"
+    assert texels(share["color0"])[0, 0, 3] == 51
+    assert share["color1"] == (0.25, 0.25, 0.25)
+    assert texels(through["color0"])[0, 0, 0] == 255
+    assert through["color1"] == (0.5, 1.0, 0.25)
+    assert not caplog.messages
+    # what shines, in part metal
+    material["extensions"] = {name: thin}
+    pbr["metallicFactor"] = 0.5
+    found = only_material(read(f))
+    assert found.params["weight"] == 0.125
+    assert found.params["a"].params["metallic"] == 0.5
+    assert "the share that passes light is matte" in caplog.messages[-1]
+    pbr["metallicFactor"] = 1
+    assert only_material(read(f)).type == "principled"
+    pbr["metallicFactor"] = 0
+    material["extensions"]["KHR_materials_transmission"] = {"transmissionFactor": 1}
+    assert only_material(read(f)).type == "thin_dielectric"
+    assert "only the latter is used" in caplog.messages[-1]
+
+
 def test_glass_with_volume_disperses(read: Any) -> None:
     f = File()
     f.material(

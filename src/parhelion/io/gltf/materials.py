@@ -448,8 +448,16 @@ class Materials:
         opaque = scene.Material("principled", color=base, **params, **common)
         glass = self._extension(draft, "transmission", schema.Transmission)
         metallic, roughness = params["metallic"], params["roughness"]
+        sheet = self._extension(draft, "diffuse_transmission", schema.DiffuseTransmission)
+        if sheet is not None and (sheet.diffuse_transmission_factor <= 0.0 or metallic == 1.0):
+            sheet = None
         if glass is None or glass.transmission_factor <= 0.0 or metallic == 1.0:
-            return opaque
+            return opaque if sheet is None else self._sheet(draft, sheet, base, params, common)
+        if sheet is not None:
+            self._source.report(
+                "KHR_materials_diffuse_transmission with KHR_materials_transmission: not supported"
+                " together; only the latter is used"
+            )
 
         def share(factor: float) -> Value:
             name = "extensions.KHR_materials_transmission.transmissionTexture"
@@ -481,6 +489,67 @@ class Materials:
             "blend",
             a=scene.Material("principled", color=base, **params),
             b=scene.Material("thin_dielectric", **pane),
+            weight=weight,
+            **common,
+        )
+
+    def _sheet(
+        self,
+        draft: _Draft,
+        sheet: schema.DiffuseTransmission,
+        base: Colors,
+        params: dict[str, Any],
+        common: dict[str, Any],
+    ) -> scene.Material:
+        """A surface that lets some of the light through that it would scatter back."""
+        place = "extensions.KHR_materials_diffuse_transmission."
+        share = self._number(
+            draft,
+            sheet.diffuse_transmission_texture,
+            3,
+            sheet.diffuse_transmission_factor,
+            f"{place}diffuseTransmissionTexture",
+        )
+        r, g, b = sheet.diffuse_transmission_color_factor
+        through = self._color(
+            draft,
+            sheet.diffuse_transmission_color_texture,
+            (r, g, b),
+            f"{place}diffuseTransmissionColorTexture",
+        )
+        volume = self._extension(draft, "volume", schema.Volume)
+        if volume is not None and volume.thickness_factor > 0.0:
+            self._source.report(
+                "KHR_materials_diffuse_transmission with a volume: not supported; light passes as"
+                " through a sheet"
+            )
+        metallic = params["metallic"]
+        matte = metallic == 0.0 and params.get("specular", 1.0) == 0.0
+        matte = matte and not {"clearcoat", "sheen_color", "iridescence"} & params.keys()
+        if matte and not isinstance(share, scene.Texture):
+            return scene.Material(
+                "diffuse_transmission",
+                color=_scaled(base, 1.0 - share),
+                transmittance=_scaled(through, share),
+                **common,
+            )
+        if not matte:
+            self._source.report(
+                "KHR_materials_diffuse_transmission of what shines: not supported in full; the"
+                " share that passes light is matte"
+            )
+        if isinstance(metallic, scene.Texture):
+            self._source.report(
+                "KHR_materials_diffuse_transmission on what a texture makes metal in places: not"
+                " supported; the metal lets light through too"
+            )
+            metallic = 0.0
+        kept = 1.0 - metallic
+        weight = times(share, (kept,) * 3) if isinstance(share, scene.Texture) else share * kept
+        return scene.Material(
+            "blend",
+            a=scene.Material("principled", color=base, **params),
+            b=scene.Material("diffuse_transmission", color=(0.0,) * 3, transmittance=through),
             weight=weight,
             **common,
         )
@@ -567,6 +636,13 @@ class Materials:
 def _triple(values: NDArray[Any]) -> Color:
     r, g, b = (float(x) for x in values)
     return r, g, b
+
+
+def _scaled(color: Colors, factor: float) -> Colors:
+    if isinstance(color, scene.Texture):
+        return times(color, (factor, factor, factor))
+    r, g, b = color
+    return r * factor, g * factor, b * factor
 
 
 def _holes(alpha: float, cutoff: float, pixels: NDArray[Any]) -> NDArray[np.uint8]:

@@ -204,6 +204,15 @@ class Transmission(Struct, rename="camel"):
     transmission_texture: TextureInfo | None = None
 
 
+class DiffuseTransmission(Struct, rename="camel"):
+    """KHR_materials_diffuse_transmission."""
+
+    diffuse_transmission_factor: Share = 0.0
+    diffuse_transmission_texture: TextureInfo | None = None
+    diffuse_transmission_color_factor: tuple[Share, Share, Share] = (1.0, 1.0, 1.0)
+    diffuse_transmission_color_texture: TextureInfo | None = None
+
+
 class Volume(Struct, rename="camel"):
     """KHR_materials_volume. attenuation_distance: None is infinite."""
 
