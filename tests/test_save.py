@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import parhelion as ph
-from parhelion import cli
-from parhelion.flatten import flatten
+from parhelion import _core, cli, tables
+from parhelion.flatten import block, flatten
 from parhelion.framing import bounds
 from parhelion.image import encoded, read_pixels
 from parhelion.io.gltf import solids
@@ -523,8 +523,10 @@ EVERYTHING = ph.Material(
             ph.Material("thin_dielectric", ior=1.5, transmittance=(0.5, 1.0, 1.0)),
         ),
         (
-            ph.Material("thin_dielectric", roughness=0.5, color=(0.5, 1, 1)),
-            ph.Material("thin_dielectric", roughness=0.5, transmittance=(0.5, 1.0, 1.0)),
+            ph.Material(
+                "thin_dielectric", roughness=0.5, color=(0.5, 1, 1), transmittance=(1, 1, 0)
+            ),
+            ph.Material("thin_dielectric", roughness=0.5, transmittance=(0.5, 1.0, 0.0)),
         ),
         (
             ph.Material("plastic", color=(0.5, 0, 0), ior=1.6),
@@ -547,13 +549,101 @@ EVERYTHING = ph.Material(
     ],
 )
 def test_materials_as_gltf(tmp_path: Path, given: ph.Material, read: Any) -> None:
-    ph.save(ph.Scene([replace(torus(), material=given)], **LIT), tmp_path / "a.glb", strict=True)
+    ph.save(ph.Scene([replace(torus(), material=given)], **LIT), tmp_path / "a.glb")
     (found,) = ph.load(tmp_path / "a.glb").materials.values()
     wanted = read.params if isinstance(read, ph.Material) else read
     assert isinstance(read, dict) or found.type == read.type
     for name, value in wanted.items():
         # as float32, if not exactly
         np.testing.assert_allclose(found.params[name], value, rtol=3e-4, err_msg=name)
+
+
+def variants(kind: str) -> Iterator[dict[str, Any]]:
+    """A material as it is, and with each parameter at another value; smooth and rough."""
+    listed = tables.tables()["materials"][kind].params
+    # what others are nothing without
+    whole: dict[str, Any] = {}
+    if kind == "principled":
+        whole = {"clearcoat": 0.5, "iridescence": 0.5, "sheen_color": (0.5, 0.4, 0.3)}
+    for param in (None, *listed):
+        made = dict(whole)
+        if param is not None and param.choices:
+            made[param.name] = param.choices[1 - int(param.default[0])]
+        elif param is not None:
+            low, high = max(param.low, 0.0), min(param.high, 4.0)
+            values = [low + (high - low) * x for x in (0.25, 0.4, 0.6)]
+            made[param.name] = values[0] if param.size == 1 else tuple(values)
+        yield made
+        if any(p.name == "roughness" for p in listed):
+            yield {"roughness": 0.5} | made
+
+
+def scattered(material: ph.Material, count: int, rough: bool) -> tuple[list[Any], list[Any]]:
+    """From two sides, by so many samples, the shares of light that come back and that pass; and, of
+    what is rough, the densities of both over directions.
+    """
+    listed = tables.tables()["materials"][material.type].params
+    plain = {p.name: material.params[p.name] for p in listed if p.name in material.params}
+    made = block("materials", material.type, plain, "test")
+    towards = np.random.default_rng(1).normal(size=(200, 3))
+    towards = np.float32(towards / np.linalg.norm(towards, axis=1, keepdims=True))
+    shares, densities = [], []
+    for out in ((0.3, 0.2, 0.933), (0.97, -0.1, -0.222)):
+        wi, weight, _, _ = _core.bsdf_sample(made, out, 3, count)
+        back = (wi[:, 2] * out[2] > 0.0)[:, None]
+        shares += [(weight * back).mean(axis=0), (weight * ~back).mean(axis=0)]
+        if rough:
+            densities.append(_core.bsdf_eval(made, out, towards)[0])
+    return shares, densities
+
+
+@pytest.mark.parametrize("kind", sorted(tables.tables()["materials"]))
+def test_what_gltf_changes_of_a_material_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, kind: str
+) -> None:
+    """Read again, it scatters the same, or there was a warning that names it."""
+    exact = 0
+    for params in variants(kind):
+        material = ph.Material(kind, **params)
+        caplog.clear()
+        ph.save(ph.Scene([replace(torus(), material=material)], **LIT), tmp_path / "a.glb")
+        told = [m for m in caplog.messages if f": {kind}" in m]
+        assert len(told) == len(caplog.messages)
+        if told:
+            continue
+        (found,) = ph.load(tmp_path / "a.glb").materials.values()
+        rough = found.params.get("roughness", 1.0) >= 0.2
+        count = 1_000 if found.type == kind else 20_000  # of the same kind, the same samples
+        given, again = (scattered(m, count, rough) for m in (material, found))
+        np.testing.assert_allclose(again[0], given[0], atol=6e-3, err_msg=str(material))
+        np.testing.assert_allclose(again[1], given[1], atol=1e-3, err_msg=str(material))
+        exact += 1
+    assert exact or kind in ("conductor", "metal", "plastic")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"material": ph.Material("principled", two_sided=False)}, "two_sided"),
+        ({"material": ph.Material("principled", roughness=1.0, anisotropy=0.9)}, "anisotropy of"),
+        ({"material": ph.Material("diffuse", normal_map=ph.Texture("multiply", color0=COLOR,
+          color1=(0.5, 1, 1)))}, "products of a normal map"),
+        ({"material": ph.Material("diffuse", color=ph.Texture("multiply", color0=COLOR,
+          color1=(2, 1, 1)))}, "textures times more than 1"),
+        ({"material": ph.Material("blend", a=ph.Material("principled"), weight=0.5,
+          b=ph.Material("thin_dielectric", roughness=0.5))}, "blend with a pane of another color"),
+        ({"material": ph.Material("blend", a=ph.Material("principled", color=(1, 1, 1)),
+          b=ph.Material("thin_dielectric", ior=1.3, roughness=0.5))}, "of another ior"),
+        ({"material": ph.Material("blend", a=ph.Material("diffuse"), b=ph.Material("diffuse")),
+          "colors": np.full((576, 3), 0.5)}, "colours of what is made of a blend"),
+        ({"material": ph.Material("diffuse"), "normals": None}, "tangents without normals"),
+    ],
+)  # fmt: skip
+def test_what_else_gltf_changes_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, change: dict[str, Any], words: str
+) -> None:
+    ph.save(ph.Scene([replace(torus(), **change)], **LIT), tmp_path / "a.glb")
+    assert any(words in m for m in caplog.messages), caplog.messages
 
 
 def test_a_sheet_as_gltf(tmp_path: Path) -> None:
@@ -611,7 +701,6 @@ def test_colours_of_faces_and_vertices_as_gltf(tmp_path: Path) -> None:
             **LIT,
         ),
         tmp_path / "a.glb",
-        strict=True,
     )
     one, other = alone(ph.load(tmp_path / "a.glb"))
     assert np.array_equal(one.attributes["vertex_color"], by_vertex)
@@ -641,7 +730,7 @@ def test_round_things_as_gltf_are_meshes(tmp_path: Path) -> None:
         **LIT,
     )
     # the first sphere's own colour replaces the checker
-    ph.save(scene, tmp_path / "a.glb", strict=True)
+    ph.save(scene, tmp_path / "a.glb")
     again = ph.load(tmp_path / "a.glb", ph.LoadOptions(ground=False))
     both = [picture(s, spp=16, width=96, height=64) for s in (dressed(scene, bare=True), again)]
     assert np.abs(both[0].mean(axis=(0, 1)) - both[1].mean(axis=(0, 1))).max() < 4e-3
@@ -664,7 +753,7 @@ def test_colours_of_copies_are_kept(tmp_path: Path) -> None:
     colors = [[1, 0, 0], [0, 1, 0], [1, 0, 0]]
     grey = {"grey": ph.Material("diffuse")}
     scene = ph.Scene([ph.Instances([part, own, ball], turns, colors=colors)], grey, **LIT)
-    ph.save(scene, tmp_path / "a.glb", strict=True)
+    ph.save(scene, tmp_path / "a.glb")
     again = ph.load(tmp_path / "a.glb")
     found = {}
     for shape in alone(again):
@@ -738,7 +827,7 @@ def test_light_and_ground_of_the_studio_are_not_written_where_they_are_added(
     ph.save(ph.load(tmp_path / "w.xyz", ph.LoadOptions(ground=True)), tmp_path / "w.json")
     dressed = ph.load(tmp_path / "w.json")
     assert [s.name for s in dressed.shapes] == ["particles", "key light", "ground"]
-    ph.save(dressed, tmp_path / f"w.{ending}", strict=True)
+    ph.save(dressed, tmp_path / f"w.{ending}")
     again = ph.load(tmp_path / f"w.{ending}", ph.LoadOptions(ground=False))
     assert sum(s.name in ("key light", "ground") for s in again.shapes) == 1
     names = [s.name for s in ph.load(tmp_path / f"w.{ending}").shapes]
@@ -833,11 +922,13 @@ def test_what_gltf_cannot_hold_is_named(tmp_path: Path, caplog: pytest.LogCaptur
         "bump maps",
         "camera",
         "camera",
+        "colours of what is made of a blend",
         "curves",
         "diffuse",
         "directional lights of some width",
         "light 'sky'",
         "priorities of glass in glass",
+        "spheres, disks and cylinders",
         "textures of what glTF has a number for",
     ]
     before = (tmp_path / "a.glb").read_bytes()

@@ -128,6 +128,7 @@ class Materials:
             body["specular"] = 0.0
         elif kind == "metal":
             body = {"metallic": 1.0, "roughness": self._fuzz(p["fuzz"])}
+            self._tell_unless(base, WHITE, "metal: written as glTF's, which is white at the limb")
         elif kind == "conductor":
             body = {"metallic": 1.0, **_shared(p, "roughness", "anisotropy")}
             base = self._facing(p)
@@ -141,10 +142,12 @@ class Materials:
             body |= {"ior": ior, "transmission": 1.0, "dispersion": p["dispersion"]}
         elif kind == "thin_dielectric":
             self._drop(p, "reflectance", WHITE, "thin_dielectric: its reflectance")
+            self._tell_unless(base, WHITE, "thin_dielectric: its color tints what passes alone")
             base = self._product(p["color"], p["transmittance"])
             ior = self._plain(p["ior"], 1.5)
             body |= {"roughness": p["roughness"], "ior": ior, "pane": 1.0}
         elif kind == "plastic":
+            self._reports.add("plastic: not in glTF; written as a dielectric over its color")
             self._drop(p, "nonlinear", "off", "plastic: nonlinear")
             body |= {
                 "roughness": p["roughness"],
@@ -160,8 +163,8 @@ class Materials:
             body |= {"roughness": 0.0, "ior": 1.0, "pane": 1.0}
         else:
             body = p
-        if "distribution" in p:
-            self._drop(p, "distribution", "ggx", f"{kind}: its distribution")
+        for name, usual in (("distribution", "ggx"), ("compensation", "on")):
+            self._drop(p, name, usual, f"{kind}: its {name}")
         if "pane" in params:  # of a blend with one
             body["pane"] = params["pane"]
         self._base(draft, base, opacity)
@@ -176,6 +179,8 @@ class Materials:
         glass = "KHR_materials_volume" in draft.extensions
         if both_sides if shines else not glass and bool(p.get("two_sided", True)):
             draft.made["doubleSided"] = True
+        if not (p.get("two_sided", True) or "KHR_materials_transmission" in draft.extensions):
+            self._reports.add("two_sided: backs are black; glTF hides them")
         for name, words in (
             ("bump_map", "bump maps"),
             ("back", "another material of the back"),
@@ -195,6 +200,7 @@ class Materials:
             )
             weight = m.params.get("weight", 0.5)
             if other.type == "thin_dielectric" and one.type == "principled":
+                self._compare(one, other)
                 m, params = one, dict(one.params) | common | {"pane": weight}
                 if "ior" in other.params:
                     params["ior"] = other.params["ior"]
@@ -204,10 +210,32 @@ class Materials:
             params = dict(m.params) | common
         return m, {k: v for k, v in params.items() if k not in ("a", "b", "weight")}
 
+    def _compare(self, surface: Material, pane: Material) -> None:
+        """Tells where a blend's parts differ in what glTF has only once."""
+        usual = {x.name: x.default for x in tables.entry("materials", "principled").params}
+        for name, own, others in (
+            ("color", "color", pane.params.get("transmittance", WHITE)),
+            ("roughness", "roughness", pane.params.get("roughness", 0.0)),
+            ("ior", "ior", pane.params.get("ior", 1.5)),
+            ("reflectance", "", pane.params.get("reflectance", WHITE)),
+            ("tint", "", pane.params.get("color", WHITE)),
+        ):
+            given = surface.params.get(own, usual[own]) if own else WHITE
+            words = f"blend with a pane of another {name}: not in glTF; the same for both"
+            self._tell_unless(others, given, words)
+
+    def _tell_unless(self, value: Any, usual: Any, words: str) -> None:
+        if isinstance(value, Texture) or isinstance(usual, Texture):
+            same = value == usual
+        else:
+            same = np.array_equal(np.broadcast_to(value, 3), np.broadcast_to(usual, 3))
+        if not same:
+            self._reports.add(words)
+
     def _drop(self, p: dict[str, Any], name: str, usual: Any, words: str) -> None:
-        value = p.get(name, usual)
-        if isinstance(value, Texture) or not np.array_equal(value, usual):
-            self._reports.add(f"{words} is not in glTF; left out")
+        if p.get(name, usual) is usual:
+            return
+        self._tell_unless(p[name], usual, f"{words} is not in glTF; left out")
 
     def _fuzz(self, fuzz: Any) -> float:
         """Roughness of a lobe with the same median angle.
@@ -426,10 +454,10 @@ class Materials:
             if wrap not in _WRAPS:
                 self._reports.add(f"wrap mode {wrap!r}: not in glTF; clamped instead")
             wraps.append(_WRAPS.get(wrap, _WRAPS["clamp"]))
-        nearest = params.get("filter", "mip") == "nearest"
+        kind = params.get("filter", "mip")
         sampler = {
-            "magFilter": 9728 if nearest else 9729,
-            "minFilter": 9728 if nearest else 9987,
+            "magFilter": 9728 if kind == "nearest" else 9729,
+            "minFilter": {"nearest": 9728, "bilinear": 9729}.get(kind, 9987),
             "wrapS": wraps[0],
             "wrapT": wraps[1],
         }
@@ -494,7 +522,7 @@ class Materials:
             factor *= scale
         if share < 1.0 or over is not None or draft.alpha is not None:
             draft.made["alphaMode"] = "BLEND"
-        numbers = [*np.clip(factor, 0.0, 1.0).tolist(), min(max(share, 0.0), 1.0)]
+        numbers = [*self._cut(factor), min(max(share, 0.0), 1.0)]
         if numbers != [1.0] * 4:
             pbr["baseColorFactor"] = numbers
         draft.made["pbrMetallicRoughness"] = pbr
@@ -552,6 +580,8 @@ class Materials:
             stretch, turned = -stretch, turned + 90.0
         ratio = np.sqrt((1.0 + stretch) / (1.0 - stretch))
         alpha = max(pbr["roughnessFactor"] ** 2, 1e-4)
+        if alpha * ratio > 1.0:
+            self._reports.add("anisotropy of what is very rough: not in glTF; written with less")
         along, across = min(alpha * ratio, 1.0), alpha / ratio
         pbr["roughnessFactor"] = float(np.sqrt(across))
         strength = np.sqrt(max(along - across, 0.0) / max(1.0 - across, 1e-6))
@@ -595,7 +625,12 @@ class Materials:
         """A colour of an extension."""
         factor = self._textured(draft, made, name, value)
         if _triple(factor) != usual:
-            made[f"{name}Factor"] = np.clip(factor, 0.0, 1.0).tolist()
+            made[f"{name}Factor"] = self._cut(factor)
+
+    def _cut(self, factor: NDArray[np.float64]) -> list[float]:
+        if factor.max() > 1.0 + 1e-6:
+            self._reports.add("textures times more than 1: not in glTF but for emission; times 1")
+        return [float(x) for x in np.clip(factor, 0.0, 1.0)]
 
     def _layers(self, draft: _Draft, body: dict[str, Any]) -> None:
         """Coat, sheen and film."""
@@ -666,15 +701,17 @@ class Materials:
         if parts.image is None:
             self._reports.add("normal maps that are no images: not in glTF; left out")
             return
-        image = parts.image.params["image"]
+        if parts.attribute is not None or np.any(parts.factor != 1.0):
+            self._reports.add("products of a normal map: not in glTF; the image alone is written")
+        image, srgb = parts.image.params["image"], self._is_srgb(parts.image, True)
 
         def make() -> tuple[NDArray[Any] | bytes, float]:
-            stored = self._stored(image)
+            stored = None if srgb else self._stored(image)
             if stored is not None:
                 return stored, 1.0
-            return _sixteen(linear(self._read(image), False, 0, 1, 2)), 1.0
+            return _sixteen(linear(self._read(image), srgb, 0, 1, 2)), 1.0
 
-        index = self._image(("stored", _key(image)), make)[0]
+        index = self._image(("normals" if srgb else "stored", _key(image)), make)[0]
         draft.made["normalTexture"] = self._info(draft, parts.image, index)
 
 

@@ -99,6 +99,8 @@ class _Writer:
         scene: dict[str, Any] = {"name": text(self._scene.name)}
         if nodes:
             scene["nodes"] = nodes
+        if self._scene.legend is not None:
+            self._reports.add("the legend: not in glTF; left out")
         self.builder.json["scene"] = self.builder.add("scenes", scene)
 
     # --- Shapes ----------------------------------------------------------------------------------
@@ -122,6 +124,9 @@ class _Writer:
         elif isinstance(shape, Curves):
             self._reports.add("curves: glTF has none; left out")
         else:
+            self._reports.add(
+                "spheres, disks and cylinders: not in glTF; written as meshes of 64 sides or more"
+            )
             yield from self._round(shape)
 
     def _groups(self, shape: Instances) -> Iterable[tuple[Sequence[Solid], Matrices]]:
@@ -159,6 +164,7 @@ class _Writer:
         """A material whose colour is another."""
         material = self._material(given)
         if material.type == "blend":
+            self._reports.add("colours of what is made of a blend: not in glTF; left out")
             return material
         (first, *_) = tables.entry("materials", material.type).params
         return Material(material.type, **{**material.params, first.name: color})
@@ -212,7 +218,9 @@ class _Writer:
         if mesh.normals is not None:
             sign = np.float32(-1.0 if reverse else 1.0)
             attributes["NORMAL"] = array("normals", mesh.normals, lambda a: sign * _unit(a))
-        if mesh.tangents is not None and mesh.normals is not None:
+        if mesh.tangents is not None and mesh.normals is None:
+            self._reports.add("tangents without normals: not in glTF; left out")
+        elif mesh.tangents is not None:
             attributes["TANGENT"] = array(
                 "tangents", mesh.tangents, lambda a: _tangents(a, reverse)
             )
