@@ -781,6 +781,35 @@ def test_lists_of_what_is_not_there(tmp_path: Path) -> None:
     assert told == {"child", "variant set", "variant"}
 
 
+def test_values_that_claim_more_than_there_is(tmp_path: Path) -> None:
+    """The library makes room for them first: a GB for a few bytes here, tens of them for others."""
+    from pxr import Sdf
+
+    path = tmp_path / "a.usdc"
+    body = (
+        f'def Mesh "M" (prepend apiSchemas = ["MaterialBindingAPI"]) {{ {QUAD}\n'
+        "point3f[] velocities.timeSamples = { 0: [(0, 0, 0)], 1: [(1, 0, 0)] } }\n"
+        'def "N" (references = </M>) { }'
+    )
+    Sdf.Layer.FindOrOpen(str(write(tmp_path, body))).Export(str(path))
+    assert ph.load(path).shapes
+    data = path.read_bytes()
+    contents = int.from_bytes(data[16:24], "little")
+    tokens = int.from_bytes(data[contents + 24 :][:8], "little")
+    told = set()
+    for at in range(88, tokens - 8):
+        spoilt = bytearray(data)
+        if not 0 < int.from_bytes(data[at : at + 8], "little") < 64:
+            continue
+        spoilt[at + 3] = 4
+        path.write_bytes(spoilt)
+        try:
+            ph.load(path)
+        except ph.FormatError as error:
+            told.update(re.findall("a value at byte ([0-9]+) claims 67[0-9]+ elements", str(error)))
+    assert len(told) == 11  # lists of children, schemas, properties, arrays, times and samples
+
+
 def test_a_missing_file_is_told(tmp_path: Path) -> None:
     body = 'def Sphere "S" { }\ndef "A" (\nreferences = @./none.usda@\n) { }'
     assert "/S" in named(read(tmp_path, body))
