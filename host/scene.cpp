@@ -219,6 +219,9 @@ Scene::Scene(SceneInput input)
   make_lights(std::move(input.lights), built);
 }
 
+// A copy's extent may be smaller than the scene's by this; lengths in its frame are squared.
+static constexpr double kMostShrunk = 1e15;
+
 void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, u32& next_id,
                       bool own) {
   double extent = 0.0;
@@ -269,6 +272,12 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
         const BuiltGroup& shown = built[s.group];
         const Matrix m = between(transform_of(s, i), shown.scale, group.scale);
         const Matrix inverse = m.inverse();
+        for (double x : inverse.m) {
+          if (!(std::fabs(x) <= kMostShrunk)) {
+            throw SceneError("shape '" + s.name + "': transforms[" + std::to_string(i) +
+                             "] makes what it places too small beside the scene's extent");
+          }
+        }
         Instance instance{};
         for (int k = 0; k < 12; ++k) {
           instance.to_scene[k] = static_cast<float>(m.m[k]);

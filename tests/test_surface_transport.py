@@ -1392,6 +1392,15 @@ def test_a_moved_copy_is_hit_where_the_moved_mesh_is() -> None:
             np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.parametrize("size", [1e-17, 1e-40])
+def test_instances_that_are_too_small_are_refused(size: float) -> None:
+    """Rays in their frame would be too long for single precision."""
+    shapes = [ph.Spheres([[1.0, 0, 0]], 0.5), ph.Spheres([[0.0, 0, 0]], 1.0)]
+    placed = ph.Instances(shapes[1:], [np.eye(4), np.diag([size, 2 * size, size, 1])], name="dust")
+    with pytest.raises(ph.SceneError, match=r"'dust': transforms\[1\] makes .* too small beside"):
+        ph.prepare(ph.Scene([shapes[0], placed]))
+
+
 def test_a_small_instance_far_from_the_ray_is_closed() -> None:
     """As seen from the camera's side of a scene a million times its size, and from near by."""
     closed = ball(12, 24, ph.Material("diffuse"))

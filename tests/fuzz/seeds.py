@@ -587,13 +587,15 @@ def gltf_document() -> Document:
     d = Document()
     attributes = {
         "POSITION": d.array(POINTS), "NORMAL": d.array(np.tile(np.float32([0, 0, 1]), (4, 1))),
+        "TANGENT": d.array(np.tile(np.float32([1, 0, 0, -1]), (4, 1))),
         "TEXCOORD_0": d.array(UVS),
         "COLOR_0": d.array(np.full((4, 4), 200, np.uint8), normalized=True),
         "JOINTS_0": d.array(np.zeros((4, 4), np.uint8)),
         "WEIGHTS_0": d.array(np.tile(np.float32([1, 0, 0, 0]), (4, 1))),
     }  # fmt: skip
     indices = d.array(FACES.reshape(-1).astype(np.uint16))
-    target = {"POSITION": d.array(POINTS * np.float32(0.5))}
+    half = d.array(POINTS * np.float32(0.5))
+    target = {"POSITION": half, "TANGENT": half}
     sparse = d.array(POINTS)
     d.json["accessors"][sparse]["sparse"] = {
         "count": 1, "indices": {"bufferView": d.view(b"\1\0"), "componentType": 5123},
@@ -621,6 +623,10 @@ def gltf_document() -> Document:
                         "KHR_materials_volume": {"thicknessFactor": 0.1, "attenuationDistance": 1},
                         "KHR_materials_ior": {"ior": 1.4},
                         "KHR_materials_dispersion": {"dispersion": 1}}},
+        {"pbrMetallicRoughness": {"metallicFactor": 0.5},
+         "extensions": {"KHR_materials_diffuse_transmission": {
+             "diffuseTransmissionFactor": 0.5, "diffuseTransmissionTexture": {"index": 0},
+             "diffuseTransmissionColorTexture": {"index": 0}}}},
         {"extensions": {"KHR_materials_unlit": {}}},
         {"extensions": {"KHR_materials_pbrSpecularGlossiness": {"glossinessFactor": 0.3}}},
     ]  # fmt: skip
