@@ -187,7 +187,7 @@ LYING: dict[str, tuple[Callable[[], Case], str]] = {
     "lammps": (lambda: changed("lammps", 0, "a.dump", b"ATOMS\n3\n", b"ATOMS\n%d\n" % MANY),
         "line 13: has 2 columns"),
     "gltf": (lambda: changed("gltf", 0, "a.gltf", b'"count": 12', b'"count": %d' % MANY),
-        r"accessors\[6\]: 4000000000 elements need 8000000000 bytes; bufferViews\[6\] has 24"),
+        r"accessors\[7\]: 4000000000 elements need 8000000000 bytes; bufferViews\[7\] has 24"),
     "glb": (lambda: _glb(8), r"has \d+ of the 4000000000 bytes"),
     "glb chunk": (lambda: _glb(12), "chunk at byte 12 reaches beyond the end"),
     "pbrt film": (lambda: changed("pbrt", 0, "a.pbrt", b'resolution" 8', b'resolution" %d' % MANY),

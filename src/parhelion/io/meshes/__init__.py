@@ -56,8 +56,8 @@ def triangulate(counts: Integers, corners: NDArray[Any]) -> tuple[NDArray[Any], 
 
 def check_indices(name: str, faces: Indices, vertices: int) -> None:
     """Raises FormatError, its text beginning with the mesh's name, for the first bad index."""
-    bad = (faces < 0) | (faces >= vertices)
-    if bad.any():
+    if faces.size and (faces.min() < 0 or faces.max() >= vertices):
+        bad = (faces < 0) | (faces >= vertices)
         face = int(np.argmax(bad.any(axis=1)))
         index = int(faces[face][bad[face]][0])
         raise FormatError(

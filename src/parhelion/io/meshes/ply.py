@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +41,6 @@ _TYPES = {
     "float64": "f8",
 }
 _LONGEST_HEADER = 1 << 16
-# Items of lists that are all of one size, up to which they are read as columns
-_FEW = 16
 _UV_NAMES = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
 _ENDINGS = (("r", "g", "b"), ("x", "y", "z"), ("0", "1", "2"))
 
@@ -80,26 +78,33 @@ class _Body:
     def width(self, item: str) -> int:
         return 1 if self.text else np.dtype(item).itemsize
 
+    def column(self, item: str, at: int, step: int, size: int, width: int = 1) -> Any:
+        """(size,) values, or (size, width), each `step` behind the last, from this place on."""
+        one = np.dtype(np.float64 if self.text else item)
+        stored = one.newbyteorder(self.order) if not self.text else one
+        unit = one.itemsize if self.text else 1
+        shape, strides = (size, width), (step * unit, one.itemsize)
+        table: Any = np.ndarray(shape, stored, self.data, at * unit, strides)
+        found = _within(table, item) if self.text else table.astype(item)
+        return found[:, 0] if width == 1 else found
+
     def values(self, at: Integers, item: str) -> Floats | Integers:
         """The values at these places; past the end they are 0."""
         width = self.width(item)
-        step = int(at[1] - at[0]) if len(at) > 1 else 0
-        there = not self.text and step > 0 and at[-1] + width <= len(self.data)
-        if there and (np.diff(at) == step).all():  # a column of records of one length
-            stored = np.dtype(item).newbyteorder(self.order)
-            column = np.ndarray(len(at), stored, self.data, int(at[0]), step)
-            found: Integers | Floats = column.astype(item)
-            return found
         inside = np.minimum(at, len(self.data) - width)
         if self.text:
-            numbers = np.where(at == inside, self.data[inside], 0.0)
-            if item[0] == "f":
-                return numbers
-            most = np.iinfo(item)
-            return np.asarray(np.clip(np.nan_to_num(numbers), most.min, most.max), item)
+            return _within(np.where(at == inside, self.data[inside], 0.0), item)
         raw = self.data[inside[..., None] + np.arange(width)]
         found = np.ascontiguousarray(raw).view(np.dtype(item).newbyteorder(self.order))[..., 0]
         return np.where(at == inside, found, 0)
+
+
+def _within(numbers: Floats, item: str) -> Floats | Integers:
+    """Numbers of a text as those of a type, whole ones cut to its range."""
+    if item[0] == "f":
+        return numbers
+    most = np.iinfo(item)
+    return np.asarray(np.clip(np.nan_to_num(numbers), most.min, most.max), item)
 
 
 def read(path: Path, points: bool = False) -> MeshData:
@@ -192,6 +197,9 @@ def _element(body: _Body, element: _Element, begin: int) -> _Found:
         return begin, numbers, lists
     if not smallest:
         return begin, numbers, lists
+    even = _even(body, element, begin)
+    if even is not None:
+        return even
 
     def sizes(at: Integers, count: str) -> Integers:
         """Of lists; what reaches beyond the end does so by a little, lest places overflow."""
@@ -226,13 +234,8 @@ def _element(body: _Body, element: _Element, begin: int) -> _Found:
             raise FormatError(
                 f"{body.path}: is cut short: list {p.name!r} of element {element.name!r}"
             )
-        width, size = body.width(p.item), int(counts[0])
-        if size < _FEW and (counts == size).all():
-            columns = [body.values(place + k * width, p.item) for k in range(size)]
-            items = np.stack(columns, axis=1).ravel() if columns else np.empty(0, np.int64)
-        else:
-            own = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
-            items = body.values(np.repeat(place, counts) + own * width, p.item)
+        own = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
+        items = body.values(np.repeat(place, counts) + own * body.width(p.item), p.item)
         lists[p.name] = (counts, items.astype(np.int64))
         place = after
     if int(place[-1]) > len(body.data):
@@ -240,17 +243,48 @@ def _element(body: _Body, element: _Element, begin: int) -> _Found:
     return int(place[-1]), numbers, lists
 
 
+def _even(body: _Body, element: _Element, begin: int) -> _Found | None:
+    """What _element() returns, of one whose records are all as long as the first, as in most files;
+    None of others.
+    """
+    sizes: list[int] = []  # of the lists
+    length = 0
+    for p in element.properties:
+        if p.count:
+            at = begin + length
+            if at + body.width(p.count) > len(body.data):
+                return None
+            sizes.append(max(int(body.column(p.count, at, 1, 1)[0]), 0))
+            length += body.width(p.count) + sizes[-1] * body.width(p.item)
+        else:
+            length += body.width(p.item)
+    if element.size * length > len(body.data) - begin:
+        return None
+    numbers: dict[str, Floats | Integers] = {}
+    lists: dict[str, tuple[Integers, Integers]] = {}
+    at = begin
+    for p in element.properties:
+        if not p.count:
+            numbers[p.name] = body.column(p.item, at, length, element.size)
+            at += body.width(p.item)
+            continue
+        size = sizes.pop(0)
+        counts = body.column(p.count, at, length, element.size)
+        if (counts != size).any():
+            return None
+        at += body.width(p.count)
+        items = body.column(p.item, at, length, element.size, size) if size else np.empty(0)
+        lists[p.name] = (np.asarray(counts, np.int64), items.ravel().astype(np.int64))
+        at += size * body.width(p.item)
+    return begin + element.size * length, numbers, lists
+
+
 def _records(step: Callable[[Integers], Integers], begin: int, size: int, end: int) -> Integers:
     """Where each of `size` records begins, the first at `begin`, none past `end`.
 
-    Most files have records of one length, which is tried first. Else where a record begins is known
-    only from the one before. The table "next" of every place, followed to twice as many records
-    each time, gives them all in log2(size) steps.
+    It is known only from the one before. The table "next" of every place, followed to twice as many
+    records each time, gives them all in log2(size) steps.
     """
-    first = int(step(np.array([begin], np.int64))[0])
-    even = begin + (first - begin) * np.arange(size, dtype=np.int64)
-    if int(even[-1]) < end and (step(even)[:-1] == even[1:]).all():
-        return even
     jump = np.append(np.minimum(step(np.arange(begin, end, dtype=np.int64)), end), end) - begin
     places = np.zeros(1, np.int64)
     while len(places) < size:
