@@ -43,12 +43,17 @@ namespace parhelion::PH_ISA {
 
 inline constexpr float kLargest = 0x1p40f;
 
-PH_INLINE void add(FilmSum& sum, float value) {
+PH_INLINE FilmSum count(float value) {
   const double scaled = static_cast<double>(clamp(value, -kLargest, kLargest)) * 0x1p12;
   const i64 high = static_cast<i64>(scaled);
-  sum.high += high;
-  sum.low += static_cast<i64>((scaled - static_cast<double>(high)) * 0x1p40);
+  return {high, static_cast<i64>((scaled - static_cast<double>(high)) * 0x1p40)};
 }
+
+PH_INLINE void add(FilmSum& sum, FilmSum counted) {
+  sum.high += counted.high;
+  sum.low += counted.low;
+}
+PH_INLINE void add(FilmSum& sum, float value) { add(sum, count(value)); }
 
 PH_INLINE void add(FilmPixel& pixel, Vec3 radiance) {
   ++pixel.count;
@@ -59,6 +64,28 @@ PH_INLINE void add(FilmPixel& pixel, Vec3 radiance) {
   add(pixel.rgb[0], radiance.x);
   add(pixel.rgb[1], radiance.y);
   add(pixel.rgb[2], radiance.z);
+}
+
+// The same for many samples, sample i to the pixel row[at[i]], of which the first n count. Counting
+// all before they are added is a loop that compilers turn into vectors. rgb: by colour and sample.
+template <u32 kCount>
+PH_INLINE void add(FilmPixel* row, const u32 (&at)[kCount], const float (&rgb)[3][kCount], u32 n) {
+  i64 high[3][kCount], low[3][kCount];
+  u32 bad[kCount];
+  for (u32 i = 0; i < kCount; ++i) bad[i] = finite({rgb[0][i], rgb[1][i], rgb[2][i]}) ? 0 : 1;
+  for (u32 k = 0; k < 3; ++k) {
+    for (u32 i = 0; i < kCount; ++i) {
+      const FilmSum counted = count(bad[i] != 0 ? 0.0f : rgb[k][i]);
+      high[k][i] = counted.high;
+      low[k][i] = counted.low;
+    }
+  }
+  for (u32 i = 0; i < n; ++i) {
+    FilmPixel& pixel = row[at[i]];
+    ++pixel.count;
+    pixel.bad += bad[i];
+    for (u32 k = 0; k < 3; ++k) add(pixel.rgb[k], {high[k][i], low[k][i]});
+  }
 }
 
 // Counts one sample. What finds no slot left is not counted: the slots are those of what was seen

@@ -44,15 +44,20 @@ void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u
       batch.x[n] = x, batch.sample[n] = sample;
       if (++sample == last) ++x, sample = first;
     }
-    for (u32 i = n; i < kBatch; ++i)
+    for (u32 i = n; i < kBatch; ++i) {
       batch.x[i] = batch.x[n - 1], batch.sample[i] = batch.sample[n - 1];
-    begin_paths(scene, view, y, batch);
-    for (u32 i = 0; i < n; ++i) {
-      const u32 at = batch.x[i] - x0;
-      Features f;
-      add(row[at], radiance(scene, view, y, batch, i, stats, features ? &f : nullptr));
-      if (features) record(features[at], f, batch.sample[i]);
     }
+    begin_paths(scene, view, y, batch);
+    u32 at[kBatch];
+    float rgb[3][kBatch] = {};
+    for (u32 i = 0; i < n; ++i) {
+      at[i] = batch.x[i] - x0;
+      Features f;
+      const Vec3 light = radiance(scene, view, y, batch, i, stats, features ? &f : nullptr);
+      rgb[0][i] = light.x, rgb[1][i] = light.y, rgb[2][i] = light.z;
+      if (features) record(features[at[i]], f, batch.sample[i]);
+    }
+    add(row, at, rgb, n);
   }
   for (u32 i = 0; i < x1 - x0; ++i) {
     carry(row[i]);

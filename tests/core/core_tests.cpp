@@ -164,6 +164,45 @@ void pictures_do_not_depend_on_how_they_are_made() {
   }
 }
 
+// What is rendered in batches, which end in the middle of rows and pixels, is the sum of samples
+// that are rendered by themselves; of pixels outside of what is asked for nothing changes.
+void batches_are_their_samples() {
+  const Cloud cloud(300);
+  const Scene scene(input_of({cloud.group()}, Cloud::materials()));
+  const RenderView view = make_view(scene, 13, 3, SamplerKind::sobol);
+  for (const std::string& isa : instruction_sets()) {
+    const Kernels& k = kernels(isa);
+    for (u32 last : {2u, 3u, 9u, 35u}) {
+      std::vector<FilmPixel> row(13);
+      PathStats stats = {0};
+      k.render_row(scene.view(), view, 1, 2, 12, 2, last, &row[2], nullptr, stats);
+      for (u32 x = 0; x < 13; ++x) {
+        FilmPixel sum{};
+        for (u32 s = 2; s < last && x >= 2 && x < 12; ++s) {
+          baseline::add(sum, k.radiance(scene.view(), view, x, 1, s));
+        }
+        baseline::carry(sum);
+        CHECK(std::memcmp(&sum, &row[x], sizeof sum) == 0);
+      }
+    }
+  }
+}
+
+void samples_that_are_not_finite_are_counted_and_left_out() {
+  const float odd[4] = {std::nanf(""), kInfinity, -kInfinity, 1e38f};
+  float rgb[3][8];
+  u32 at[8];
+  FilmPixel one_by_one[2] = {}, together[2] = {};
+  for (u32 i = 0; i < 8; ++i) {
+    for (u32 k = 0; k < 3; ++k) rgb[k][i] = i < 4 && i % 3 == k ? odd[i] : 0.1f * (i + k) - 0.2f;
+    at[i] = i / 3 % 2;
+    if (i < 7) baseline::add(one_by_one[at[i]], Vec3{rgb[0][i], rgb[1][i], rgb[2][i]});
+  }
+  baseline::add(together, at, rgb, 7);
+  CHECK(std::memcmp(one_by_one, together, sizeof together) == 0);
+  CHECK(together[0].bad + together[1].bad == 3);
+}
+
 void rays_meet_the_same_through_the_tree_and_without() {
   for (size_t n : {0, 1, 15, 16, 17, 300, 20000}) {
     const Cloud cloud(n);
@@ -369,6 +408,8 @@ void probes_run() {
 
 int main() {
   pictures_do_not_depend_on_how_they_are_made();
+  batches_are_their_samples();
+  samples_that_are_not_finite_are_counted_and_left_out();
   rays_meet_the_same_through_the_tree_and_without();
   everything_at_once();
   hard_cases_build();
