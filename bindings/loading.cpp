@@ -10,6 +10,7 @@
 #include "../loading/normals.h"
 #include "../loading/numbers.h"
 #include "../loading/obj.h"
+#include "../loading/polygons.h"
 #include "../loading/rows.h"
 #include "arrays.h"
 
@@ -22,6 +23,7 @@ namespace {
 using Text = nb::ndarray<const unsigned char, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Words = nb::ndarray<const u32, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Triangles = nb::ndarray<const u32, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
+using Column = nb::ndarray<const u32, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 template <class Real>
 using Points = nb::ndarray<const Real, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 
@@ -70,6 +72,25 @@ nb::tuple shading(const Points<Real>& vertices, const Triangles& faces,
   return nb::make_tuple(adopt(std::move(mesh.faces), 3), adopt(std::move(mesh.old)), array);
 }
 
+nb::object polygons(const Points<double>& vertices, const Column& counts, const Column& corners) {
+  u64 total = 0;
+  for (size_t i = 0; i < counts.shape(0); ++i) {
+    if (counts.data()[i] < 3) throw std::invalid_argument("a polygon needs at least 3 corners");
+    total += counts.data()[i];
+  }
+  if (total != corners.shape(0)) throw std::invalid_argument("counts do not fit corners");
+  for (size_t i = 0; i < corners.shape(0); ++i) {
+    if (corners.data()[i] >= vertices.shape(0)) throw std::out_of_range("a vertex is not there");
+  }
+  std::vector<u32> places;
+  {
+    const u32 n = rows_of(counts);
+    nb::gil_scoped_release unlocked;
+    places = triangulate(vertices.data(), counts.data(), n, corners.data());
+  }
+  return adopt(std::move(places), 3);
+}
+
 nb::dict obj(const Text& text) {
   ObjText found;
   {
@@ -89,6 +110,9 @@ nb::dict obj(const Text& text) {
   d["sizes"] = adopt(std::move(found.sizes));
   d["corners"] = adopt(std::move(found.corners), 3);
   d["statements"] = statements;
+  nb::list unknown;
+  for (const std::string& word : found.unknown) unknown.append(nb::str(word.data(), word.size()));
+  d["unknown"] = unknown;
   return d;
 }
 
@@ -100,6 +124,7 @@ void bind_loading(nb::module_& m) {
   m.def("distinct_rows", &distinct, "rows"_a);
   m.def("shading", &shading<float>, "vertices"_a, "faces"_a, "crease"_a.none());
   m.def("shading", &shading<double>, "vertices"_a, "faces"_a, "crease"_a.none());
+  m.def("polygons", &polygons, "vertices"_a, "counts"_a, "corners"_a);
   m.def("obj", &obj, "text"_a);
 }
 

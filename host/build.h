@@ -77,7 +77,7 @@ class TreeBuilder {
     std::vector<Node> top;
     root = expand(all, 0, top, jobs);
     std::vector<Subtree> parts(jobs.size());
-#pragma omp parallel for schedule(dynamic, 1)
+#pragma omp parallel for schedule(dynamic, 1) if (jobs.size() > 1)
     for (size_t i = 0; i < jobs.size(); ++i) {
       parts[i].root = subtree(jobs[i].part, jobs[i].depth, parts[i].nodes, parts[i].blocks);
     }
@@ -379,7 +379,7 @@ class TreeBuilder {
         nodes[jobs[i].node].child[jobs[i].lane] = c;
       }
     }
-#pragma omp parallel for schedule(dynamic, 1)
+#pragma omp parallel for schedule(dynamic, 1) if (jobs.size() > 1)
     for (size_t i = 0; i < jobs.size(); ++i) {
       Subtree& part = parts[i];
       for (Node& n : part.nodes) {

@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "errors.h"
+#include "threads.h"
 
 namespace parhelion {
 namespace {
@@ -69,7 +70,7 @@ double SceneChecks::extent(const ShapeInput& s) const {
   const Numbers* radii = radii_of(s);
   double extent = 0.0;
   bool sound = true;
-#pragma omp parallel for reduction(max : extent) reduction(&& : sound)
+#pragma omp parallel for reduction(max : extent) reduction(&& : sound) if (rows > kFewElements)
   for (size_t i = 0; i < rows; ++i) {
     double size = 0.0, radius = 0.0;
     for (const Numbers& a : s.arrays) {
@@ -86,7 +87,7 @@ double SceneChecks::extent(const ShapeInput& s) const {
     }
     extent = std::max(extent, size + radius);
   }
-#pragma omp parallel for reduction(&& : sound)
+#pragma omp parallel for reduction(&& : sound) if (s.count > kFewElements)
   for (size_t i = 0; i < s.count; ++i) {
     const bool known = !s.material_of || s.material_of[i] < materials;
     sound = sound && known;
@@ -143,7 +144,7 @@ void SceneChecks::sizes(const ShapeInput& s, double extent) const {
   const Numbers& radii = *radii_of(s);
   const size_t count = radii.one ? std::min<size_t>(s.count, 1) : s.count;
   double least = extent;
-#pragma omp parallel for reduction(min : least)
+#pragma omp parallel for reduction(min : least) if (count > kFewElements)
   for (size_t i = 0; i < count; ++i) least = std::min(least, radii.at(i, 0));
   if (least >= kSmallest * extent) return;
   for (size_t i = 0; i < count; ++i) {

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "errors.h"
+#include "threads.h"
 
 namespace parhelion {
 namespace {
@@ -125,7 +126,7 @@ template <class Sample>
 void ImagePyramid::read(const ImageInput& input, const Sample* data) {
   const i64 texels = i64{input.width} * input.height;
   const u32 in = input.channels, out = view_.channels;
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (texels > i64{kFewElements})
   for (i64 i = 0; i < texels; ++i) {
     const Sample* from = data + i * in;
     float* to = floats_.data() + i * out;
@@ -143,7 +144,8 @@ void ImagePyramid::check(const ImageInput& input) {
   const ImageView image = view();
   float low = kInfinity, high = -kInfinity;
   i64 bad = texels;
-#pragma omp parallel for schedule(static) reduction(min : low, bad) reduction(max : high)
+#pragma omp parallel for schedule(static) reduction(min : low, bad) \
+    reduction(max : high) if (texels > i64{kFewElements})
   for (i64 i = 0; i < texels; ++i) {
     const u32 x = static_cast<u32>(i % input.width), y = static_cast<u32>(i / input.width);
     const Texel t = fetch(image, 0, x, y);
@@ -169,7 +171,7 @@ void ImagePyramid::reduce() {
     const u32 from_w = level_side(image.width, l - 1), from_h = level_side(image.height, l - 1);
     const u32 w = level_side(image.width, l), h = level_side(image.height, l);
     level.assign(size_t{w} * h * channels, 0.0f);
-#pragma omp parallel for schedule(static)
+#pragma omp parallel for schedule(static) if (i64{w} * h > i64{kFewElements})
     for (i64 y = 0; y < i64{h}; ++y) {
       const Taps rows = taps(static_cast<u32>(y), from_h);
       for (u32 x = 0; x < w; ++x) {

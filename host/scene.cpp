@@ -8,6 +8,7 @@
 #include "errors.h"
 #include "shapes.h"
 #include "sky.h"
+#include "threads.h"
 
 namespace parhelion {
 namespace {
@@ -318,7 +319,7 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
   for (u32 k = 0; k < shapes.size(); ++k) {
     const u32 first = shapes_[first_record + k].first_id;
     size_t lost = shapes[k].count;  // the first primitive that has no box
-#pragma omp parallel for reduction(min : lost)
+#pragma omp parallel for reduction(min : lost) if (shapes[k].count > kFewElements)
     for (size_t i = 0; i < shapes[k].count; ++i) {
       Ref r{{}, first + static_cast<u32>(i), k};
       r.box = leaves.box(r);
@@ -511,7 +512,7 @@ void Scene::make_lights(std::vector<LightInput> inputs, const std::vector<BuiltG
   view_.tables = {images_.data(), distribution_views_.data()};
 
   std::vector<LightLeaf> leaves(emitters_.size() + view_.outside_first);
-#pragma omp parallel for
+#pragma omp parallel for if (emitters_.size() > kFewElements)
   for (size_t i = 0; i < emitters_.size(); ++i) leaves[i] = leaf_of(emitters_[i]);
   for (u32 i = 0; i < view_.outside_first; ++i) {
     const LightReach r = baseline::light_reach(lights_[i], view_.tables);

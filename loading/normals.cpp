@@ -1,5 +1,7 @@
 #include "normals.h"
 
+#include <omp.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -76,12 +78,16 @@ struct Corners {
 // Finds which corners at a vertex belong together.
 class Joiner {
  public:
-  // crease: radians
-  Joiner(const u32* faces, const std::vector<Vec3>& normals, double crease)
+  // crease: radians. most: corners at a vertex; nothing is allocated later, where threads run.
+  Joiner(const u32* faces, const std::vector<Vec3>& normals, double crease, u32 most)
       : faces_(faces),
         face_normals_(normals),
         cos_(static_cast<float>(std::cos(crease))),
-        cos_half_(static_cast<float>(std::cos(0.5 * crease))) {}
+        cos_half_(static_cast<float>(std::cos(0.5 * crease))),
+        edges_(size_t{2} * most),
+        normals_(most),
+        parent_(most),
+        beside_(most) {}
 
   // Writes the part of each of the n corners, from 0 by the first of each; returns their number.
   u32 join(const u32* corners, u32 n, u32* part) {
@@ -89,22 +95,26 @@ class Joiner {
       std::fill(part, part + n, 0u);
       return n > 0;
     }
-    edges_.clear();
-    normals_.clear();
-    parent_.clear();
     for (u32 i = 0; i < n; ++i) {
       const u32 c = corners[i], face = c / 3, at = c % 3;
       const u32* v = faces_ + size_t{3} * face;
-      edges_.push_back(u64{v[at == 2 ? 0 : at + 1]} << 32 | i);
-      edges_.push_back(u64{v[at == 0 ? 2 : at - 1]} << 32 | i);
-      normals_.push_back(face_normals_[face]);
-      parent_.push_back(i);
+      edges_[2 * i] = u64{v[at == 2 ? 0 : at + 1]} << 32 | i;
+      edges_[2 * i + 1] = u64{v[at == 0 ? 2 : at - 1]} << 32 | i;
+      normals_[i] = face_normals_[face];
+      parent_[i] = i;
+      beside_[i] = kNone;
     }
-    std::sort(edges_.begin(), edges_.end());
-    for (size_t e = 1; e < edges_.size(); ++e) {
+    std::sort(edges_.data(), edges_.data() + 2 * n);
+    for (u32 e = 1; e < 2 * n; ++e) {
       if (edges_[e] >> 32 != edges_[e - 1] >> 32) continue;
       const u32 i = static_cast<u32>(edges_[e - 1]), j = static_cast<u32>(edges_[e]);
-      if (dot(normals_[i], normals_[j]) > cos_) unite(i, j);
+      if (flat(normals_[i])) {
+        pass(i, j);
+      } else if (flat(normals_[j])) {
+        pass(j, i);
+      } else if (dot(normals_[i], normals_[j]) > cos_) {
+        unite(i, j);
+      }
     }
     u32 parts = 0;
     for (u32 i = 0; i < n; ++i) {
@@ -115,6 +125,20 @@ class Joiner {
   }
 
  private:
+  // Of a face without an area.
+  static bool flat(Vec3 normal) { return normal.x == 0 && normal.y == 0 && normal.z == 0; }
+
+  // A face without an area lets the surface pass: its two neighbours count as each other's.
+  void pass(u32 sliver, u32 other) {
+    u32& first = beside_[sliver];
+    if (first == kNone) {
+      first = other;
+      unite(sliver, other);
+    } else if (dot(normals_[first], normals_[other]) > cos_) {
+      unite(sliver, other);
+    }
+  }
+
   // Whether all faces lie within half the crease of the first, as around most vertices.
   bool near(const u32* corners, u32 n) const {
     for (u32 i = 1; i < n; ++i) {
@@ -143,6 +167,7 @@ class Joiner {
   std::vector<u64> edges_;
   std::vector<Vec3> normals_;  // of the corners' faces
   std::vector<u32> parent_;
+  std::vector<u32> beside_;  // of corners of faces without an area: a neighbour
 };
 
 }  // namespace
@@ -153,18 +178,25 @@ ShadedMesh shade(const Real* vertices, u32 vertex_count, const u32* faces, u32 f
   const Corners corners(vertex_count, faces, face_count);
   const Geometry geometry = measure(vertices, faces, face_count);
   const bool many = face_count > kFewFaces;
+  const size_t threads = many ? static_cast<size_t>(omp_get_max_threads()) : 1;
+  u32 most = 0;  // corners at a vertex
+  for (u32 v = 0; v < vertex_count; ++v) {
+    most = std::max(most, corners.begin[v + 1] - corners.begin[v]);
+  }
 
   std::vector<u32> part(corners.at.size());          // of each of corners.at
   std::vector<u32> first(size_t{vertex_count} + 1);  // vertex of the result, of each vertex's parts
   if (crease) {
     const double radians = *crease * (3.14159265358979323846 / 180);
+    std::vector<Joiner> joiners(threads, Joiner(faces, geometry.normals, radians, most));
 #pragma omp parallel if (many)
     {
-      Joiner joiner(faces, geometry.normals, radians);
+      Joiner& joiner = joiners[omp_get_thread_num()];
 #pragma omp for schedule(static)
       for (u32 v = 0; v < vertex_count; ++v) {
         const u32 begin = corners.begin[v];
-        first[v] = joiner.join(&corners.at[begin], corners.begin[v + 1] - begin, &part[begin]);
+        first[v] = joiner.join(corners.at.data() + begin, corners.begin[v + 1] - begin,
+                               part.data() + begin);
       }
     }
   } else {
@@ -175,13 +207,14 @@ ShadedMesh shade(const Real* vertices, u32 vertex_count, const u32* faces, u32 f
   const u32 count = first[vertex_count];
   ShadedMesh mesh{std::vector<u32>(corners.at.size()), std::vector<u32>(count),
                   std::vector<Vec3>(count)};
+  std::vector<std::vector<double>> room(threads, std::vector<double>(size_t{3} * (most + 1)));
 #pragma omp parallel if (many)
   {
-    std::vector<double> sums;
+    std::vector<double>& sums = room[omp_get_thread_num()];
 #pragma omp for schedule(static)
     for (u32 v = 0; v < vertex_count; ++v) {
       const u32 parts = first[v + 1] - first[v];
-      sums.assign(size_t{3} * parts, 0.0);
+      std::fill(sums.begin(), sums.begin() + 3 * parts, 0.0);
       for (u32 k = corners.begin[v]; k < corners.begin[v + 1]; ++k) {
         const u32 corner = corners.at[k];
         const Vec3 normal = geometry.normals[corner / 3];

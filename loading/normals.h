@@ -21,7 +21,7 @@ struct ShadedMesh {
 // vertices of no face go. All faces at a vertex are one part where they lie within half the crease
 // of the first. Else two belong to one part where they share an edge there and their normals differ
 // by less than the crease, and so do the neighbours of those; of more than two faces at an edge,
-// those next to each other in the order of the file.
+// those next to each other in the order of the file. A face without an area lets the surface pass.
 //
 // vertices: three coordinates each, finite. faces: three indices each. Throws std::out_of_range for
 // an index that is too large. The same to the last bit for any number of threads.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <charconv>
 #include <limits>
+#include <new>
 #include <stdexcept>
 
 namespace parhelion {
@@ -99,9 +100,14 @@ std::vector<double> parse_numbers(std::string_view text) {
 #pragma omp parallel for schedule(dynamic) if (count > 1)
   for (int i = 0; i < count; ++i) {
     bool broken = false;
-    parse_block(cuts[i], cuts[i + 1], values[i], broken);
-    failed[i] = broken;
+    try {
+      parse_block(cuts[i], cuts[i + 1], values[i], broken);
+      failed[i] = broken;
+    } catch (const std::bad_alloc&) {  // which may not leave a thread
+      failed[i] = 2;
+    }
   }
+  if (std::find(failed.begin(), failed.end(), char{2}) != failed.end()) throw std::bad_alloc();
   if (std::find(failed.begin(), failed.end(), char{1}) != failed.end()) {
     throw std::invalid_argument("something that is no number");
   }

@@ -11,12 +11,16 @@ namespace parhelion {
 namespace {
 
 constexpr const char* kNouns[3] = {"vertex", "texture coordinate", "normal"};
+constexpr size_t kMostUnknown = 20;
 constexpr i64 kMost = std::numeric_limits<int>::max();
 
-// Goes over the lines of a text, those that end with a backslash joined with the next.
+// Goes over the lines of a text without their comments, those that end with a backslash joined with
+// the next.
 class Lines {
  public:
-  explicit Lines(std::string_view text) : rest_(text) {}
+  explicit Lines(std::string_view text) : rest_(text) {
+    if (rest_.substr(0, 3) == "\xef\xbb\xbf") rest_.remove_prefix(3);  // UTF-8's mark
+  }
 
   bool next(std::string_view& line) {
     if (rest_.empty()) return false;
@@ -41,7 +45,7 @@ class Lines {
     const size_t size = std::min(rest_.find('\n'), rest_.size());
     const std::string_view line = rest_.substr(0, size);
     rest_.remove_prefix(std::min(size + 1, rest_.size()));
-    return line;
+    return line.substr(0, line.find('#'));
   }
   static bool continues(std::string_view line) {
     if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
@@ -56,10 +60,7 @@ class Lines {
 // Goes over the words of a line, which is kept by another.
 class Words {
  public:
-  explicit Words(std::string_view line)
-      : at_(line.data()), end_(at_ + std::min(line.find('#'), line.size())) {
-    skip();
-  }
+  explicit Words(std::string_view line) : at_(line.data()), end_(at_ + line.size()) { skip(); }
   bool done() const { return at_ == end_; }
   std::string_view next() {
     const char* begin = at_;
@@ -108,12 +109,14 @@ class Reader {
       } else if (word == "f") {
         face(words);
       } else if (word == "vt") {
-        numbers(words, 2, found_.uvs, "texture coordinate");
+        numbers(words, 1, 2, found_.uvs, kNouns[1]);
       } else if (word == "vn") {
-        numbers(words, 3, found_.normals, "normal");
+        numbers(words, 3, 3, found_.normals, kNouns[2]);
       } else if (word == "usemtl" || word == "mtllib") {
         found_.statements.push_back(
             {static_cast<u32>(found_.sizes.size()), std::string(word), std::string(words.rest())});
+      } else if (!word.empty() && word != "g" && word != "o" && word != "s") {
+        unknown(word);
       }
     }
     check();
@@ -121,28 +124,30 @@ class Reader {
   }
 
  private:
-  // The first numbers of a line, of which `least` are needed; how many there are.
-  size_t numbers(Words& words, size_t least, std::vector<double>& values, const char* noun) {
+  // The first numbers of a line, of which `least` are needed and others are 0; how many there are.
+  size_t numbers(Words& words, size_t least, size_t width, std::vector<double>& values,
+                 const char* noun) {
     size_t count = 0;
     for (; !words.done(); ++count) {
       double value;
       if (!words.number(value)) {
         fail(std::string("the ") + noun + " holds something that is no number");
       }
-      if (count < least) {
+      if (count < width) {
         values.push_back(value);
       } else if (count < extra_.size()) {
         extra_[count] = value;
       }
     }
     if (count < least) fail("has fewer than " + std::to_string(least) + " numbers");
+    for (size_t k = count; k < width; ++k) values.push_back(0.0);
     return count;
   }
 
-  // Some programs write a colour behind the coordinates, with 1 or an opacity before or after it.
+  // Some programs write a colour behind the coordinates.
   void position(Words& words) {
-    const size_t count = numbers(words, 3, found_.positions, kNouns[0]);
-    colored_ = colored_ && count >= 6 && count <= 7;
+    const size_t count = numbers(words, 3, 3, found_.positions, kNouns[0]);
+    colored_ = colored_ && count == 6;
     if (colored_) {
       found_.colors.insert(found_.colors.end(), extra_.begin() + 3, extra_.begin() + 6);
     }
@@ -156,6 +161,14 @@ class Reader {
     face_lines_.push_back(lines_.number());
   }
 
+  void unknown(std::string_view word) {
+    std::string shown = printable(word);
+    std::vector<std::string>& all = found_.unknown;
+    if (all.size() < kMostUnknown && std::find(all.begin(), all.end(), shown) == all.end()) {
+      all.push_back(std::move(shown));
+    }
+  }
+
   // v, v/vt, v//vn or v/vt/vn: from 1, or back from the last that came before.
   void corner(Words& words) {
     int indices[3] = {-1, -1, -1};
@@ -167,6 +180,10 @@ class Reader {
       i64 index = 0;
       for (; at < end && *at >= '0' && *at <= '9'; ++at) {
         index = std::min(index * 10 + (*at - '0'), kMost);
+      }
+      if (index == kMost) {
+        fail("face " + std::to_string(found_.sizes.size()) + " refers to " +
+             printable(words.next()) + ", more than there can be");
       }
       if (at == begin && (kind == 0 || negative)) fail_corner(words);
       if (negative) index = count(kind) + 1 - index;
@@ -204,9 +221,12 @@ class Reader {
            std::to_string(index) + "; there are " + std::to_string(count(kind));
   }
   [[noreturn]] void fail_corner(Words words) const {
-    std::string word(words.next().substr(0, 40));
-    for (char& c : word) c = c > ' ' && c <= '~' ? c : '?';
-    fail("'" + word + "' is no corner v/vt/vn");
+    fail("'" + printable(words.next()) + "' is no corner v/vt/vn");
+  }
+  static std::string printable(std::string_view word) {
+    std::string shown(word.substr(0, 40));
+    for (char& c : shown) c = c > ' ' && c <= '~' ? c : '?';
+    return shown;
   }
   [[noreturn]] void fail(const std::string& text) const { fail(text, lines_.number()); }
   [[noreturn]] static void fail(const std::string& text, u32 line) {
@@ -216,7 +236,7 @@ class Reader {
   Lines lines_;
   ObjText found_;
   std::vector<u32> face_lines_;
-  std::array<double, 7> extra_{};  // of a line, by their place
+  std::array<double, 6> extra_{};  // of a line, by their place
   bool colored_ = true;
 };
 

@@ -20,6 +20,7 @@ struct ObjText {
   std::vector<u32> sizes;                       // corners of each polygon
   std::vector<int> corners;  // position, uv and normal of each corner, from 0; -1 is none
   std::vector<ObjStatement> statements;  // usemtl and mtllib
+  std::vector<std::string> unknown;      // words that lines begin with and that mean nothing here
 };
 
 // What is wrong with a line; lines count from 1.
@@ -27,7 +28,7 @@ struct ObjError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// Reads v, vt, vn and f lines; those of other words, but for the statements above, are passed over.
+// Reads v, vt, vn and f lines and the statements above; g, o and s are passed over.
 // Every index is in range. Throws ObjError.
 ObjText parse_obj(std::string_view text);
 

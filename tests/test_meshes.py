@@ -6,6 +6,7 @@ import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +14,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+import parhelion as ph
 from parhelion.errors import FormatError
 from parhelion.io.meshes import (
     MeshData,
     levelset,
     obj,
+    off,
     ply,
     serialized,
     smooth_normals,
+    split_at_creases,
     triangulate,
 )
 
@@ -39,9 +43,139 @@ _PYRAMID = _POINTS.astype(float)[_TRIANGLES].tolist()
 
 def test_polygons_become_fans() -> None:
     counts = np.array([3, 5, 4])
-    faces, polygon = triangulate(counts, np.arange(12))
+    turns = np.concatenate([np.arange(n) / n for n in counts]) * 2 * np.pi
+    around = np.stack([np.cos(turns), 0 * turns, np.sin(turns)], axis=1)
+    faces, polygon = triangulate(counts, np.arange(12), around)
     assert faces.tolist() == [[0, 1, 2], [3, 4, 5], [3, 5, 6], [3, 6, 7], [8, 9, 10], [8, 10, 11]]
     assert polygon.tolist() == [0, 1, 1, 1, 2, 2]
+
+
+def area(vertices: Any, faces: Any) -> Any:
+    """(F, 3) vectors as long as each triangle is large."""
+    a, b, c = (np.asarray(vertices)[np.asarray(faces)[:, k]] for k in range(3))
+    return 0.5 * np.cross(b - a, c - a)
+
+
+@pytest.mark.parametrize("corners", [4, 5, 8, 40, 600])
+def test_polygons_that_are_not_convex(corners: int) -> None:
+    """Stars: their triangles cover them once, all turned the same way, wherever the first is."""
+    rng = np.random.default_rng(corners)
+    turns = 2 * np.pi * (np.arange(corners) + 0.8 * rng.random(corners)) / corners
+    radius = rng.uniform(0.2, 1.0, corners)
+    radius[0] = 0.05
+    flat = np.stack([radius * np.cos(turns), radius * np.sin(turns), 0 * turns], axis=1)
+    lean = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    outline = flat @ lean.T + rng.normal(size=3)
+    ends = np.roll(outline, -1, axis=0)
+    whole = 0.5 * np.cross(outline, ends).sum(axis=0)
+    for first in range(0, corners, max(1, corners // 5)):
+        order = np.roll(np.arange(corners), first)
+        faces, polygon = triangulate(np.array([corners]), order, outline)
+        assert len(faces) == corners - 2 == len(polygon)
+        parts = area(outline, faces)
+        assert (parts @ whole > -1e-9).all()
+        np.testing.assert_allclose(parts.sum(axis=0), whole, atol=1e-9)
+
+
+def test_polygons_that_cannot_be_cut_well() -> None:
+    """One that crosses itself, one without an area, and one that is too large to be looked at."""
+    bow = np.array([[0.0, 0, 0], [2, 2, 0], [2, 0, 0], [0, 2, 0], [-1, 1, 0]])
+    assert len(triangulate(np.array([5]), np.arange(5), bow)[0]) == 3
+    assert len(triangulate(np.array([5]), np.zeros(5, int), bow)[0]) == 3
+    n = 20_000
+    turns = 2 * np.pi * np.arange(n) / n
+    star = np.stack([np.cos(turns), np.sin(turns), 0 * turns], 1)
+    assert len(triangulate(np.array([n]), np.arange(n), star)[0]) == n - 2
+    star[::2] *= 0.5
+    with pytest.raises(
+        ValueError, match="face 0 has 20000 corners and is not convex; at most 16384"
+    ):
+        triangulate(np.array([n]), np.arange(n), star)
+
+
+def test_a_dent_in_every_format(tmp_path: Path) -> None:
+    points = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (1, 0.5, 0), (0, 2, 0)]
+    lines = "".join("{} {} {}\n".format(*p) for p in points)
+    head = "ply\nformat ascii 1.0\nelement vertex 5\n"
+    head += "".join(f"property float {a}\n" for a in "xyz")
+    texts = {
+        "a.obj": "".join(f"v {line}\n" for line in lines.splitlines()) + "f 1 2 3 4 5\n",
+        "a.off": f"OFF\n5 1 0\n{lines}5 0 1 2 3 4\n",
+        "a.ply": f"{head}element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        f"{lines}5 0 1 2 3 4\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+        found = {"obj": obj, "off": off, "ply": ply}[name[2:]].read(tmp_path / name)
+        np.testing.assert_allclose(area(found.vertices, found.faces).sum(axis=0), [0, 0, 2.5])
+        assert (area(found.vertices, found.faces)[:, 2] > 0).all()
+
+
+def test_what_obj_files_may_have(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """UTF-8's mark, a comment that ends in a backslash, one texture coordinate, old line ends; and
+    what nothing is made of is told.
+    """
+    path = tmp_path / "a.obj"
+    text = "\ufeffv 0 0 0\n# C:\\a\\\nv 1 0 0\nv 0 1 0\nvt 0.5\nl 1 2\nvp 0\nf 1/1 2/1 3/1\n"
+    for ends in ("\n", "\r\n", "\r"):
+        path.write_bytes(text.replace("\n", ends).encode())
+        mesh = obj.read(path)
+        assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+        assert mesh.uvs is not None
+        assert mesh.uvs[0].tolist() == [0.5, 0.0]
+    ph.load(path)
+    assert [m.partition(": ")[2] for m in caplog.messages] == [
+        f"statement {word!r}: not supported; left out" for word in ("l", "vp")
+    ]
+    path.write_text("v 0 0 0\nv 1 0 0\nl 1 2\n")
+    with pytest.raises(FormatError, match=r"has no faces \('f' lines\); of l nothing is made"):
+        obj.read(path)
+
+
+def test_what_ply_files_may_have(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "a.ply"
+    vertices = "element vertex 3\n" + "".join(f"property float {a}\n" for a in "xyz")
+    faces = (
+        "element face 1\nproperty list uchar int vertex_indices\n"
+        "property list uchar float texcoord\nelement edge 1\nproperty int vertex1\n"
+    )
+    body = "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 2 0.5 0.5\n0\n"
+    path.write_text(f"ply\nformat ascii 1.0\n{vertices}{faces}end_header\n{body}")
+    ph.load(path)
+    assert [m.partition(": ")[2] for m in caplog.messages] == [
+        "list 'texcoord' of 'face': not supported; left out",
+        "element 'edge': not supported; left out",
+    ]
+    strips = "element tristrips 1\nproperty list int int vertex_indices\n"
+    path.write_text(
+        f"ply\nformat ascii 1.0\n{vertices}{strips}end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    )
+    with pytest.raises(FormatError, match="its faces are tristrips, which are not read"):
+        ph.load(path)
+
+
+@pytest.mark.parametrize("size", ["nan", "inf", "-1", "1e30", "2.5e9"])
+def test_lists_of_odd_sizes(tmp_path: Path, size: str) -> None:
+    path = tmp_path / "a.ply"
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 3\n"
+    head += "".join(f"property float {a}\n" for a in "xyz")
+    head += "element face 1\nproperty list float float vertex_indices\nend_header\n"
+    numbers = np.array([0, 0, 0, 1, 0, 0, 0, 1, 0, float(size), 0, 1, 2], "<f4")
+    path.write_bytes(head.encode() + numbers.tobytes())
+    with pytest.raises(FormatError, match=r"negative size|cut short"):
+        ply.read(path)
+
+
+def test_a_face_without_area_makes_no_edge() -> None:
+    """A roof whose ridge has a vertex on one side only, closed by a sliver."""
+    up = np.tan(np.radians(10.0))
+    points = np.array([[0, 0, up], [2, 0, up], [1, 0, up], [1, 1, 0], [0, -1, 0], [2, -1, 0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3], [2, 1, 3], [0, 4, 1], [4, 5, 1]])
+    _, old, normals = split_at_creases(points, faces, 40.0)
+    assert len(old) == 6
+    assert (normals[old < 2, 2] > 0.99).all()
+    steep = points * [1, 1, 10]
+    assert len(split_at_creases(steep, faces, 40.0)[1]) == 8
 
 
 def test_smooth_normals_weigh_by_angle() -> None:
@@ -50,7 +184,7 @@ def test_smooth_normals_weigh_by_angle() -> None:
     quads = np.array(
         [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     )
-    faces, _ = triangulate(np.full(6, 4), quads.ravel())
+    faces, _ = triangulate(np.full(6, 4), quads.ravel(), cube)
     expected = (2.0 * cube - 1.0) / np.sqrt(3.0)
     np.testing.assert_allclose(smooth_normals(cube, faces), expected, atol=1e-7)
 
@@ -207,7 +341,7 @@ _BAD_PLY = {
     "a type": (_WHOLE.replace(b"float x", b"fluat x"), "line 5 of its header: 'property fluat x'"),
     "no z": (_TEXT.replace(b"float z", b"float w"), "no element 'vertex' with x, y and z"),
     "no faces": (_TEXT.replace(b"vertex_indices", b"indices_of"), "with a list vertex_indices"),
-    "index": (_TEXT.replace(b"3 3 0 4", b"3 3 0 5"), "face 5 refers to vertex 5; it has 5"),
+    "index": (_TEXT.replace(b"3 3 0 4", b"3 3 0 5"), "face 4 refers to vertex 5; it has 5"),
     "two corners": (_TEXT.replace(b"3 3 0 4", b"2 3 0 0"), "face 4 has fewer than 3 corners"),
     "negative count": (
         _TEXT.replace(b"list uchar", b"list char").replace(b"3 3 0 4", b"-3 3 0 4"),

@@ -11,6 +11,7 @@
 #include "../../loading/normals.h"
 #include "../../loading/numbers.h"
 #include "../../loading/obj.h"
+#include "../../loading/polygons.h"
 #include "../../loading/rows.h"
 #include "check.h"
 
@@ -148,10 +149,41 @@ void wild_meshes_keep_their_places() {
   }
 }
 
+// Any polygons, flat or not, that may cross themselves: n corners are n - 2 triangles of their own.
+void wild_polygons_are_cut() {
+  for (u32 round = 0; round < 300; ++round) {
+    const u32 n = 1 + draw(30);
+    std::vector<double> vertices(3 * n);
+    for (double& x : vertices) x = draw(round % 3 == 0 ? 3 : 1000);
+    std::vector<u32> counts, corners;
+    size_t triangles = 0;
+    for (u32 p = draw(6); p-- > 0;) {
+      counts.push_back(3 + draw(40));
+      triangles += counts.back() - 2;
+      for (u32 i = 0; i < counts.back(); ++i) corners.push_back(draw(n));
+    }
+    const std::vector<u32> places = triangulate(vertices.data(), counts.data(),
+                                                static_cast<u32>(counts.size()), corners.data());
+    CHECK(places.size() == 3 * triangles);
+    size_t at = 0;
+    u32 first = 0;
+    for (u32 count : counts) {
+      std::set<u32> seen;
+      for (u32 k = 0; k < 3 * (count - 2); ++k, ++at) {
+        CHECK(places[at] >= first && places[at] < first + count);
+        seen.insert(places[at]);
+      }
+      CHECK(seen.size() == count);
+      first += count;
+    }
+  }
+}
+
 const char kObj[] =
     "mtllib a b.mtl # for all\nv 0 0 0 1 0.5 0.25\nv 1 0 0 1 1 1\r\n v\t1 1 0 0 0 0\nv 0 1 0 0 0 "
     "0\n"
-    "vt 0 0\nvt 1 1 0\nvn 0 0 1\ng name\nusemtl red \nf 1/1/1 2/2/1 \\\n 3//1 -1\n\nf -4 -3 -2\n";
+    "vt 0 0\nvt 1 1 0\nvn 0 0 1\ng name\nusemtl red \nf 1/1/1 2/2/1 \\\n 3//1 -1\n\nf -4 -3 -2\nvp "
+    "1\n";
 
 void obj_lines_are_read() {
   const ObjText text = parse_obj(kObj);
@@ -161,6 +193,7 @@ void obj_lines_are_read() {
   CHECK((text.sizes == std::vector<u32>{4, 3}));
   CHECK((text.corners ==
          std::vector<int>{0, 0, 0, 1, 1, 0, 2, -1, 0, 3, -1, -1, 0, -1, -1, 1, -1, -1, 2, -1, -1}));
+  CHECK(text.unknown == std::vector<std::string>{"vp"});
   CHECK(text.statements.size() == 2 && text.statements[0].rest == "a b.mtl" &&
         text.statements[1].rest == "red" && text.statements[1].polygon == 0);
 }
@@ -222,6 +255,7 @@ int main() {
   equal_rows_are_found();
   creases_split_vertices();
   wild_meshes_keep_their_places();
+  wild_polygons_are_cut();
   obj_lines_are_read();
   broken_obj_lines_are_named();
   mutated_obj_text_is_read_or_refused();

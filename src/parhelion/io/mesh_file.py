@@ -48,6 +48,10 @@ def load(path: Path, options: LoadOptions) -> Scene:
     with np.errstate(all="ignore"):  # what is not finite is looked for, and named
         data = reader.read(path, points=True) if kind == ".ply" else reader.read(path)
         finite(path, data)
+        reports = Reports(path, options.strict)
+        for text in data.left_out:
+            reports.add(text)
+        reports.tell()
         if not len(data.faces):
             return _points(path, data, options)
         try:

@@ -91,6 +91,8 @@ def load(path: Path, options: LoadOptions) -> Scene:
         else:
             materials = {}
         mesh = replace(plain, material=material)
+    for text in groups.left_out:
+        reports.add(text)
     reports.tell()
     up = framing(axis(options.up or "y"))
     return Scene([mesh], materials=materials, camera=up, background=None, name=path.name)

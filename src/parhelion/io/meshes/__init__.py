@@ -7,7 +7,7 @@ A reader checks what it returns: every index in range, every array of one length
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,6 +28,7 @@ class MeshData:
 
     vertices (V, 3), faces (F, 3); normals (V, 3) and uvs (V, 2) or None. attributes: further
     arrays, "vertex_NAME" and "face_NAME". face_normals: the file itself asks for flat faces.
+    left_out: what else it holds, in words.
     """
 
     vertices: Floats
@@ -36,32 +37,41 @@ class MeshData:
     uvs: Floats | None = None
     attributes: Mapping[str, Floats] = field(default_factory=dict)
     face_normals: bool = False
+    left_out: Sequence[str] = ()
 
 
-def triangulate(counts: Integers, corners: NDArray[Any]) -> tuple[NDArray[Any], Integers]:
-    """Polygons as fans of triangles around their first corner.
+def triangulate(
+    counts: Integers, corners: NDArray[Any], vertices: Floats
+) -> tuple[NDArray[Any], Integers]:
+    """Polygons as triangles: fans around the first corner, or, if not convex, ears cut off.
 
-    counts: (P,) corners of each polygon, at least 3. corners: all of them, one after the other;
-    (C,) or (C, K). Returns (F, 3) or (F, 3, K) corners and the (F,) polygon of each triangle.
+    counts: (P,) corners of each polygon, at least 3. corners: (C,) the vertex of each, one polygon
+    after the other, in range. vertices: (V, 3). Returns (F, 3) vertices of the triangles, and the
+    (F,) polygon of each. Raises ValueError for a polygon of more than 16,384 corners that is not
+    convex. Method: loading/polygons.h.
     """
     if (counts == 3).all():
-        return corners.reshape(-1, 3, *corners.shape[1:]), np.arange(len(counts))
-    triangles = counts - 2
-    polygon = np.repeat(np.arange(len(counts)), triangles)
-    first = (np.cumsum(counts) - counts)[polygon]
-    before = (np.cumsum(triangles) - triangles)[polygon]
-    second = first + np.arange(len(polygon)) - before + 1
-    return np.stack([corners[first], corners[second], corners[second + 1]], axis=1), polygon
+        return corners.reshape(-1, 3), np.arange(len(counts))
+    places = _core.polygons(
+        np.ascontiguousarray(vertices, np.float64),
+        np.ascontiguousarray(counts, np.uint32),
+        np.ascontiguousarray(corners, np.uint32),
+    )
+    return corners[places], np.repeat(np.arange(len(counts)), counts - 2)
 
 
 def check_indices(name: str, faces: Indices, vertices: int) -> None:
     """Raises FormatError, its text beginning with the mesh's name, for the first bad index."""
-    if faces.size and (faces.min() < 0 or faces.max() >= vertices):
-        bad = (faces < 0) | (faces >= vertices)
-        face = int(np.argmax(bad.any(axis=1)))
-        index = int(faces[face][bad[face]][0])
+    check_corners(name, np.full(len(faces), 3), faces.ravel(), vertices)
+
+
+def check_corners(name: str, counts: Integers, corners: Indices, vertices: int) -> None:
+    """The same for the vertices of polygons, as triangulate() takes them."""
+    if corners.size and (corners.min() < 0 or corners.max() >= vertices):
+        at = int(np.argmax((corners < 0) | (corners >= vertices)))
+        face = int(np.searchsorted(np.cumsum(counts), at, "right"))
         raise FormatError(
-            f"{name}: face {face} refers to vertex {index}; it has {vertices}, from 0"
+            f"{name}: face {face} refers to vertex {corners[at]}; it has {vertices}, from 0"
         )
 
 
@@ -90,8 +100,9 @@ def split_at_creases(
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.float32]]:
     """Faces over vertices of which each stands for one smooth part of the surface around it.
 
-    Faces that share an edge belong to the same part at its ends where their normals differ by less
-    than `degrees`, and so do the neighbours of those. Returns the new (F, 3) faces; for each new
+    Faces at a vertex that lie within half of `degrees` of the first there are one part. Else those
+    that share an edge belong to the same part at its ends where their normals differ by less than
+    `degrees`, and so do the neighbours of those. Returns the new (F, 3) faces; for each new
     vertex, the old one; and the new vertices' normals, as of smooth_normals.
     """
     return _core.shading(_reals(vertices), np.ascontiguousarray(faces, np.uint32), degrees)

@@ -25,12 +25,13 @@ class Groups:
     """Which material each triangle has.
 
     names: of the materials, in the order of their first use; "" is none. of_face: (F,) indices.
-    libraries: names of the files that define them.
+    libraries: names of the files that define them. left_out: what else the file asks for, in words.
     """
 
     names: list[str]
     of_face: Integers
     libraries: list[str]
+    left_out: list[str]
 
 
 def read(path: Path) -> MeshData:
@@ -41,12 +42,20 @@ def read(path: Path) -> MeshData:
 def read_groups(path: Path) -> tuple[MeshData, Groups]:
     """The file as one mesh, and its faces' materials. Raises FormatError and OSError."""
     try:
-        text = _core.obj(contents(path))
+        data = contents(path)
+        if b"\n" not in data:  # lines as of old Macintoshes
+            data = data.replace(b"\r", b"\n")
+        text = _core.obj(data)
     except _core.ObjError as error:
         raise FormatError(f"{path}: {error}") from None
+    left_out = [f"statement {word!r}: not supported; left out" for word in text["unknown"]]
     if not len(text["sizes"]):
-        raise FormatError(f"{path}: has no faces ('f' lines)")
-    mesh, polygon = _indexed(text)
+        others = f"; of {', '.join(text['unknown'])} nothing is made" if left_out else ""
+        raise FormatError(f"{path}: has no faces ('f' lines){others}")
+    try:
+        mesh, polygon = _indexed(text)
+    except ValueError as error:
+        raise FormatError(f"{path}: {error}") from None
     uses, libraries = (
         [
             (at, rest.decode("utf-8", "replace"))
@@ -58,7 +67,7 @@ def read_groups(path: Path) -> tuple[MeshData, Groups]:
     names = list(dict.fromkeys(["", *(name for _, name in uses)]))
     number = np.array([0, *(names.index(name) for _, name in uses)])
     use = np.searchsorted([at for at, _ in uses], polygon, "right")  # how many came before
-    return mesh, Groups(names, number[use], [name for _, name in libraries])
+    return mesh, Groups(names, number[use], [name for _, name in libraries], left_out)
 
 
 def _indexed(text: dict[str, Any]) -> tuple[MeshData, Integers]:
@@ -68,13 +77,14 @@ def _indexed(text: dict[str, Any]) -> tuple[MeshData, Integers]:
     corners = text["corners"]
     bare = not len(text["uvs"]) and not len(text["normals"])
     which, first = _core.distinct_rows((corners[:, :1] if bare else corners).copy().view(np.uint32))
-    faces, polygon = triangulate(text["sizes"].astype(np.int64), which)
     at, uv, normal = corners[first].T
+    vertices = text["positions"][at]
+    faces, polygon = triangulate(text["sizes"].astype(np.int64), which, vertices)
     colors = text["colors"]
     if len(colors):
         colors = np.clip(colors / (255.0 if np.any(colors > 1.0) else 1.0), 0.0, 1.0)
     mesh = MeshData(
-        vertices=text["positions"][at],
+        vertices=vertices,
         faces=faces,
         normals=text["normals"][normal] if (normal >= 0).all() else None,
         uvs=text["uvs"][uv] if (uv >= 0).all() else None,

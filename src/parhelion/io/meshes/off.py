@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...errors import FormatError
 from ...spectra import decode_srgb
 from ..files import contents
-from . import Floats, MeshData, check_indices, triangulate
+from . import Floats, MeshData, check_corners, triangulate
 from .numbers import parse, words_per_line
 
 _HEADER = re.compile(rb"\s*(ST)?(C)?(N)?OFF\b")
@@ -51,8 +51,7 @@ def read(path: Path) -> MeshData:
             f" {rest} numbers in {len(words)} lines"
         )
     vertex = numbers[3 : 3 + vertex_count * width].reshape(vertex_count, width)
-    faces, face_colors = _faces(path, numbers, words[len(words) - face_count :])
-    check_indices(str(path), faces, vertex_count)
+    faces, face_colors = _faces(path, numbers, words[len(words) - face_count :], vertex[:, :3])
     at = 3
     normals = uvs = None
     attributes: dict[str, Floats] = {}
@@ -80,7 +79,7 @@ def _color(rgb: Floats) -> Floats:
 
 
 def _faces(
-    path: Path, numbers: Floats, words: NDArray[np.int64]
+    path: Path, numbers: Floats, words: NDArray[np.int64], vertices: Floats
 ) -> tuple[NDArray[np.int64], Floats | None]:
     """(F, 3) corners of triangles, and (F, 3) colours where all faces have one.
 
@@ -101,7 +100,12 @@ def _faces(
     corners = numbers[np.repeat(starts + 1, sizes) + within]
     if not np.all((corners == np.floor(corners)) & (np.abs(corners) < 2**53)):
         raise FormatError(f"{path}: its faces hold something that is no index")
-    triangles, polygon = triangulate(sizes, corners.astype(np.int64))
+    indices = corners.astype(np.int64)
+    check_corners(str(path), sizes, indices, len(vertices))
+    try:
+        triangles, polygon = triangulate(sizes, indices, vertices)
+    except ValueError as error:
+        raise FormatError(f"{path}: {error}") from None
     colors = None
     if np.all(words - 1 - sizes >= 3):
         colors = _color(numbers[(starts + 1 + sizes)[:, None] + np.arange(3)])[polygon]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...errors import FormatError
 from ...spectra import decode_srgb
 from ..files import contents
-from . import Floats, Integers, MeshData, check_indices, triangulate
+from . import Floats, Integers, MeshData, check_corners, triangulate
 from .numbers import parse
 
 _TYPES = {
@@ -115,14 +115,21 @@ def read(path: Path, points: bool = False) -> MeshData:
     at = 0
     columns: dict[str, dict[str, Floats | Integers]] = {}
     polygons: tuple[Integers, Integers] | None = None
+    left_out: list[str] = []
     for element in elements:
         at, found, lists = _element(body, element, at)
         columns[element.name] = found
         if element.name == "face":
-            polygons = lists.get("vertex_indices") or lists.get("vertex_index")
+            polygons = lists.pop("vertex_indices", None) or lists.pop("vertex_index", None)
+        elif element.name != "vertex" and element.size:
+            left_out.append(f"element {element.name!r}: not supported; left out")
+            continue
+        left_out += [f"list {n!r} of {element.name!r}: not supported; left out" for n in lists]
     vertex = columns.get("vertex", {})
     if any(axis not in vertex for axis in "xyz"):
         raise FormatError(f"{path}: has no element 'vertex' with x, y and z")
+    if polygons is None and "tristrips" in columns:
+        raise FormatError(f"{path}: its faces are tristrips, which are not read")
     if polygons is None and points and not columns.get("face"):
         polygons = np.empty(0, np.int64), np.empty(0, np.int64)
         columns["face"] = {}
@@ -131,10 +138,13 @@ def read(path: Path, points: bool = False) -> MeshData:
     counts, corners = polygons
     if (counts < 3).any():
         raise FormatError(f"{path}: face {int(np.argmax(counts < 3))} has fewer than 3 corners")
-    triangles, polygon = triangulate(counts, corners)
     vertices = _take(vertex, "x", "y", "z")
     assert vertices is not None
-    check_indices(str(path), triangles, len(vertices))
+    check_corners(str(path), counts, corners, len(vertices))
+    try:
+        triangles, polygon = triangulate(counts, corners, vertices)
+    except ValueError as error:
+        raise FormatError(f"{path}: {error}") from None
     normals = _take(vertex, "nx", "ny", "nz")
     uvs = None
     for names in _UV_NAMES:
@@ -142,7 +152,7 @@ def read(path: Path, points: bool = False) -> MeshData:
     attributes = {f"vertex_{k}": v for k, v in _attributes(vertex).items()}
     faces = {k: v[polygon] for k, v in _attributes(columns["face"]).items()}
     attributes |= {f"face_{k}": v for k, v in faces.items()}
-    return MeshData(vertices, triangles, normals, uvs, attributes)
+    return MeshData(vertices, triangles, normals, uvs, attributes, left_out=left_out)
 
 
 def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
@@ -203,7 +213,8 @@ def _element(body: _Body, element: _Element, begin: int) -> _Found:
 
     def sizes(at: Integers, count: str) -> Integers:
         """Of lists; what reaches beyond the end does so by a little, lest places overflow."""
-        return np.minimum(body.values(at, count).astype(np.int64), len(body.data) + 1)
+        with np.errstate(invalid="ignore"):  # what is no number is negative then
+            return np.minimum(body.values(at, count).astype(np.int64), len(body.data) + 1)
 
     def step(at: Integers) -> Integers:
         """Where the records end that begin at these places."""
@@ -254,7 +265,10 @@ def _even(body: _Body, element: _Element, begin: int) -> _Found | None:
             at = begin + length
             if at + body.width(p.count) > len(body.data):
                 return None
-            sizes.append(max(int(body.column(p.count, at, 1, 1)[0]), 0))
+            size = float(body.column(p.count, at, 1, 1)[0])
+            if not 0 <= size <= len(body.data):
+                return None
+            sizes.append(int(size))
             length += body.width(p.count) + sizes[-1] * body.width(p.item)
         else:
             length += body.width(p.item)

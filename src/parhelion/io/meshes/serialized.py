@@ -105,8 +105,10 @@ def _unpack(name: str, version: int, packed: bytes) -> MeshData:
     check_indices(name, faces, vertex_count)
     colors = arrays.pop("colors", None)
     return MeshData(
-        faces=faces,
+        arrays["vertices"],
+        faces,
+        arrays.get("normals"),
+        arrays.get("uvs"),
         attributes={} if colors is None else {"vertex_color": colors},
         face_normals=bool(flags & _FACE_NORMALS),
-        **arrays,
     )

@@ -291,7 +291,11 @@ def add(
     """Adds the triangles of polygons, moved by the matrix, one Mesh for each part of them."""
     if not len(p.counts):
         return
-    triangles, polygon = triangulate(p.counts, np.arange(len(p.corners)))
+    try:
+        places = np.arange(len(p.corners))
+        triangles, polygon = triangulate(p.counts, places, p.points[p.corners])
+    except ValueError as error:
+        raise SceneError(str(error)) from None
     # a mirrored surface keeps its outside
     if inverted != bool(np.linalg.det(matrix[:3, :3]) < 0.0):
         triangles = triangles[:, [0, 2, 1]]
