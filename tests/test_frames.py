@@ -83,12 +83,15 @@ def test_slices(tmp_path: Path, name: str, which: Any, numbers: Any) -> None:
         ("5", "frames '5': a slice such as 10:, :100:5 or ::-1 is needed, or all"),
         ("1:2:0", "a slice such as"),
         ("1:b", "a slice such as"),
+        (slice(None, None, 0), r"frames slice\(None, None, 0\): a slice such as"),
+        (slice("a"), "a slice such as"),
+        (slice(0.5), "a slice such as"),
         ("::::", "a slice such as"),
         ("6:", r"a\.xyz: of 6 frames none is in 6:"),
         ("4:2:1", "of 6 frames none is in 4:2:1"),
     ],
 )
-def test_frames_that_are_not_there(tmp_path: Path, which: str, told: str) -> None:
+def test_frames_that_are_not_there(tmp_path: Path, which: Any, told: str) -> None:
     (tmp_path / "a.xyz").write_text(xyz(moving()))
     with pytest.raises(ph.SceneError, match=told):
         load_frames(tmp_path / "a.xyz", which)

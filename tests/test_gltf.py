@@ -454,7 +454,7 @@ def test_what_frames_have_in_common(tmp_path: Path, caplog: pytest.LogCaptureFix
     assert framed[0].camera == framed[1].camera
 
 
-def test_frames_that_are_none(tmp_path: Path) -> None:
+def test_frames_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.gltf"
     path.write_bytes(moving().text())
     for which, told in (
@@ -463,10 +463,27 @@ def test_frames_that_are_none(tmp_path: Path) -> None:
         ("1:2:0", "a range of seconds"),
         ("1:b", "a range of seconds"),
         ("0:inf", "a range of seconds"),
-        ("0:1:1e-9", r"1e\+09 frames are too many; there may be 1000000"),
+        ("0:1:1e-9", r"a\.gltf: 0:1:1e-9 is more than 1,000,000 frames, and no more can be made"),
+        ("0:1000001:1", "0:1000001:1 is more than 1,000,000 frames"),
+        ("-1e308:1e308:1", "is more than 1,000,000 frames"),
+        ("1e308:-1e308:1", "no seconds are in"),
+        (slice("a"), "a range of seconds"),
+        (slice(None, None, 0), "a range of seconds"),
     ):
         with pytest.raises(SceneError, match=told):
             ph.load_frames(path, which)
+    from parhelion.errors import spelled
+
+    with (
+        spelled({"frames": "--frames"}),
+        pytest.raises(SceneError, match=r"^--frames '5': a range"),
+    ):
+        ph.load_frames(path, "5")
+    with monkeypatch.context() as fewer:
+        fewer.setattr("parhelion.io.frames._MOST", 2)
+        assert len(ph.load_frames(path, "1:2:0.5")) == 2  # as many as there may be
+        with pytest.raises(SceneError, match=r"1:2:0\.4 is more than 2 frames"):
+            ph.load_frames(path, "1:2:0.4")
     with pytest.raises(SceneError, match="the option 'time' is of one frame"):
         ph.load_frames(path, ":", LoadOptions(time=1.0))
     with pytest.raises(SceneError, match=r"fps is 0; must lie in \[0.01, 1000\]"):

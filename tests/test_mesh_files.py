@@ -314,6 +314,17 @@ def test_statements(tmp_path: Path) -> None:
     assert "opacity" not in m.params
     m = material(tmp_path, "bump -bm 0.5 wood fine.png")
     assert m.params["bump_map"].params["color1"] == (0.5, 0.5, 0.5)
+    m = material(tmp_path, "d 0.5\nmap_d wood fine.png")
+    assert m.params["opacity"].params["color0"].params["image"] == image
+    assert m.params["opacity"].params["color1"] == (0.5, 0.5, 0.5)
+
+
+def test_comments_behind_statements(tmp_path: Path) -> None:
+    for name, comment in (("wood.png", " # it's oak"), ("wood #3.png", "")):
+        write_png(tmp_path / name, np.full((2, 2, 3), 128, np.uint8))
+        m = material(tmp_path, f"Kd 1 1 1 # white\nd 0.5 #half\nmap_Kd {name}{comment}")
+        assert m.params["opacity"] == 0.5
+        assert m.params["color"].params["image"] == str(tmp_path / name)
 
 
 def write_png(path: Path, pixels: np.ndarray) -> None:
@@ -337,6 +348,22 @@ def test_what_is_missing_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixtur
     assert "'gone.png': no such file; ignored" in caplog.text
     assert "statement 'wobble': not known; ignored" in caplog.text
     assert "'../b.png' is not inside the scene's folder" in caplog.text
+    caplog.clear()
+    write_png(tmp_path / "bumps.png", np.full((2, 2, 3), 128, np.uint8))
+    material(tmp_path, "bump -bm nan bumps.png")
+    assert "the multiplier of a bump map is nan, and must be above 0" in caplog.text
+
+
+def test_of_many_faults_the_first_are_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    faces = "".join(f"usemtl m{k}\nf 1 2 3\n" for k in range(1000))
+    obj_scene(tmp_path, faces, "newmtl m\nKd 1 1 1\n")
+    assert len(caplog.messages) == 51
+    assert caplog.messages[-1] == "a.obj: and 950 more"
+    with pytest.raises(ph.FormatError, match=r"\n  and 950 more$") as error:
+        obj_scene(tmp_path, faces, None, strict=True)
+    assert len(str(error.value).splitlines()) == 52
 
 
 @pytest.mark.parametrize(
@@ -346,6 +373,7 @@ def test_what_is_missing_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixtur
         ("Kd", "line 2: needs finite numbers"),
         ("Ns nan", "line 2: needs finite numbers"),
         ("map_Kd", "line 2: needs a file"),
+        ("map_Kd # none", "line 2: needs a file"),
     ],
 )
 def test_bad_mtl(tmp_path: Path, statements: str, words: str) -> None:

@@ -1032,6 +1032,17 @@ def test_settings(read: Read) -> None:
     assert read("", 'Integrator "ao" "float maxdistance" 3').settings.ao_distance == 3.0
 
 
+def test_integrators_that_follow_light_are_told(
+    read: Read, caplog: pytest.LogCaptureFixture
+) -> None:
+    for kind in ("path", "volpath", "simplepath", "simplevolpath"):
+        read("", f'Integrator "{kind}"')
+    assert "Integrator" not in caplog.text
+    for kind in ("sppm", "bdpt", "mlt", "lightpath"):
+        read("", f'Integrator "{kind}"')
+        assert f'Integrator "{kind}": rendered by path tracing, which finds' in caplog.text
+
+
 @pytest.mark.parametrize("bounces", [0, 1, 2])
 def test_depth_counts_what_pbrt_counts(read: Read, bounces: int) -> None:
     """In a closed sphere that shines with 1 and reflects a half, each bounce adds its share."""
@@ -1057,7 +1068,7 @@ def test_depth_counts_what_pbrt_counts(read: Read, bounces: int) -> None:
         ("bitterli-cornell-box/scene-v4.pbrt", 8, 0),
         ("bitterli-teapot-full/scene-v4.pbrt", 5, 1),
         ("bitterli-veach-mis/scene-v4.pbrt", 9, 0),
-        ("bitterli-water-caustic/scene-v4.pbrt", 10, 0),
+        ("bitterli-water-caustic/scene-v4.pbrt", 10, 1),
         ("pbrt-v1v3/arcsphere-v3/arcsphere.pbrt", 7, 0),
         ("pbrt-v1v3/hairblock-v3/sphere-hairblock.pbrt", 3, 1),
         ("pbrt-v1v3/killeroo-v3/killeroo-simple.pbrt", 5, 1),

@@ -360,7 +360,10 @@ def _opened(path: str, where: str) -> Any:
     hints.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(path, hints)
     if source is None:
-        reason = (_reason(oiio.geterror) or "no such file").replace(f'"{path}"', "it")
+        reason = _reason(oiio.geterror).replace(f'"{path}"', "it")  # asked for even if not told
+        if not os.path.isfile(path):
+            what = "is no file" if os.path.exists(path) else "no such file"
+            raise FormatError(f"{start}{what}")
         raise FormatError(f"{start}cannot be read: {reason}")
     spec = source.spec()
     width, height, stored = spec.width, spec.height, os.path.getsize(path)

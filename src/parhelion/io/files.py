@@ -17,6 +17,8 @@ _RATIO = 20
 _ALWAYS = 1 << 24
 # Bytes of one file
 _LARGEST = 1 << 32
+# Lines about one scene that are told; of more, how many there are
+_TOLD = 50
 
 
 def contents(path: Path) -> bytes:
@@ -106,8 +108,14 @@ class Reports:
     def tell(self) -> None:
         """Logs what is new as warnings. Raises FormatError about all if the user is strict."""
         if self.lines and self.strict:
-            lines = "".join(f"\n  {text}" for text in self.lines)
+            lines = "".join(f"\n  {text}" for text in _first(list(self.lines)))
             raise FormatError(f"{self.path}: strict, and not all of it is supported:{lines}")
-        for text in list(self.lines)[self._told :]:
+        for text in _first(list(self.lines)[self._told :]):
             log.warning("%s: %s", self.path.name, text)
         self._told = len(self.lines)
+
+
+def _first(lines: list[str]) -> list[str]:
+    """As many as are told, then one about the rest."""
+    rest = len(lines) - _TOLD
+    return [*lines[:_TOLD], f"and {rest} more"] if rest > 0 else lines

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from math import ceil, floor, isfinite
+from operator import index
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -421,12 +422,14 @@ def _known() -> list[str]:
 
 def _slice(frames: str | slice) -> slice:
     """The slice that is written. Raises SceneError for anything else."""
-    if isinstance(frames, slice):
-        return frames
-    parts = (":" if frames == "all" else str(frames)).split(":")
     try:
-        numbers = [int(part) if part.strip() else None for part in parts]
-    except ValueError:
+        if isinstance(frames, slice):
+            given = (frames.start, frames.stop, frames.step)
+            numbers = [None if part is None else index(part) for part in given]
+        else:
+            parts = (":" if frames == "all" else str(frames)).split(":")
+            numbers = [int(part) if part.strip() else None for part in parts]
+    except (TypeError, ValueError):
         numbers = []
     if len(numbers) not in (2, 3) or numbers[2:] == [0]:
         raise SceneError(
@@ -447,7 +450,8 @@ def _times(
     step = timeline.per_second / fps if given is None else given
     if timeline.ends is None and (begin is None or end is None):
         raise FormatError(
-            f"{file}: does not say its first and last time; frames needs both, as in 1:25"
+            f"{file}: does not say its first and last time; {option('frames')} needs both, as in"
+            " 1:25"
         )
     whole = end is None  # the last one of the file's is among them
     if timeline.ends is not None:
@@ -455,13 +459,16 @@ def _times(
         begin, end = first if begin is None else begin, last if end is None else end
     assert begin is not None
     assert end is not None
-    steps = (end - begin) / step
-    if not steps < _MOST:
-        raise FormatError(f"{file}: {steps:g} frames are too many; there may be {_MOST}")
+    shown = _written(frames) if isinstance(frames, slice) else frames
+    for name, number in (("first time", begin), ("last time", end), ("step of time", step)):
+        if not isfinite(number):
+            raise FormatError(f"{file}: its {name} is {number}")
+    steps = min(max((end - begin) / step, -1.0), _MOST + 1.0)  # it may be infinite
     count = floor(steps + _NEAR) + 1 if whole else ceil(steps - _NEAR)
+    if count > _MOST:
+        raise FormatError(f"{file}: {shown} is more than {_MOST:,} frames, and no more can be made")
     if count < 1:
         known = "" if timeline.ends is None else "; there are {:g} to {:g}".format(*timeline.ends)
-        shown = _written(frames) if isinstance(frames, slice) else frames
         raise FormatError(f"{file}: no {timeline.unit} are in {shown}{known}")
     return given, [begin + k * step for k in range(count)]
 
@@ -476,12 +483,13 @@ def _range(frames: str | slice, unit: str) -> tuple[float | None, float | None, 
     for part in parts:
         try:
             numbers.append(None if part is None else float(part))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             numbers.append(float("nan"))
     wrong = [x for x in numbers if x is not None and not isfinite(x)]
     if wrong or len(numbers) not in (2, 3) or numbers[2:] == [0.0]:
         raise SceneError(
-            f"frames {frames!r}: a range of {unit} such as 10:, :100:5 or 1:2:0.5 is needed, or all"
+            f"{option('frames')} {frames!r}: a range of {unit} such as 10:, :100:5 or 1:2:0.5 is"
+            " needed, or all"
         )
     begin, end, step = (*numbers, None)[:3]
     return begin, end, step

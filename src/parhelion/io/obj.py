@@ -8,6 +8,7 @@ material, or `diffuse` where nothing shines.
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -48,6 +49,7 @@ _FLAGS = {
     "-blendu": 1, "-blendv": 1, "-bm": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1,
     "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1,
 }  # fmt: skip
+_COMMENT = re.compile(r"(?:^|\s)#.*")
 
 
 @dataclass
@@ -104,8 +106,8 @@ def _materials(path: Path, folders: Folders, reports: Reports) -> dict[str, Mate
     at: _Definition | None = None
     text = contents(path).decode("utf-8", "replace").replace("\\\n", " ")
     for number, line in enumerate(text.split("\n"), 1):
-        words = line.split()
-        if not words or words[0].startswith("#"):
+        words = _COMMENT.sub("", line).split()
+        if not words:
             continue
         place = f"{path}: line {number}"
         if words[0] == "newmtl":
@@ -168,10 +170,17 @@ def _map(
             at.bump = float(values[0])
         elif flag not in ("-blendu", "-blendv", "-texres"):
             reports.add(f"option {flag!r} of a texture: not supported; ignored")
-    if not words:
+    name = " ".join(words)
+    bare = _COMMENT.sub("", name)
+    if not bare:
         raise FormatError(f"{place}: needs a file")
     try:
-        file = folders.file(" ".join(words), place)
+        try:
+            file = folders.file(name, place)
+        except SceneError:
+            if bare == name:
+                raise
+            file = folders.file(bare, place)  # what looked like part of its name is a comment
     except SceneError as error:
         reports.add(f"{str(error).removeprefix(str(reports.path.parent) + '/')}; ignored")
         return
@@ -204,7 +213,8 @@ def _material(d: _Definition, reports: Reports) -> Material:
     if isinstance(emission, Texture) or any(emission):
         params["emission"] = emission
     opacity: Any = number("d", 1.0 - number("Tr", 0.0))
-    opacity = d.maps.get("d", opacity)
+    if "d" in d.maps:
+        opacity = _times(d.maps["d"], (opacity,) * 3)
     illum = int(number("illum", 2.0, 10.0))
     clear = illum in (4, 6, 7, 9) and not isinstance(opacity, Texture)
     if not clear and (isinstance(opacity, Texture) or opacity < 1.0):
@@ -214,10 +224,13 @@ def _material(d: _Definition, reports: Reports) -> Material:
     if "bump" in d.maps:
         if d.bump == 1.0:
             params["bump_map"] = d.maps["bump"]
-        elif d.bump > 0.0:
+        elif d.bump > 0.0 and math.isfinite(d.bump):
             params["bump_map"] = _times(d.maps["bump"], (d.bump,) * 3)
         else:
-            reports.add("a bump map of a multiplier below 0 is not supported; ignored")
+            reports.add(
+                f"the multiplier of a bump map is {d.bump:g}, and must be above 0 and finite;"
+                " the map is ignored"
+            )
     shine = max(color("Ks", 0.0))
     modern = d.numbers.keys() & {"Pr", "Pm", "Ps", "Pc"} or d.maps.keys() & {"Pr", "Pm"}
     if not modern and not clear and (shine == 0.0 or illum < 2) and illum not in (3, 5):

@@ -275,6 +275,10 @@ _ALL_LIGHT = (
     "sppm", "function", "photonmap", "exphotonmap", "irradiancecache", "igi", "metropolis",
     "diffuseprt", "glossyprt", "dipolesubsurface", "useprobes",
 )  # fmt: skip
+# Those among them that follow light from its sources too, often chosen for caustics
+_FROM_LIGHTS = (
+    "lightpath", "bdpt", "mlt", "sppm", "photonmap", "exphotonmap", "metropolis"
+)  # fmt: skip
 
 
 def _integrator(r: Reader, settings: Settings) -> Settings:
@@ -291,6 +295,10 @@ def _integrator(r: Reader, settings: Settings) -> Settings:
     if item.type not in _ALL_LIGHT:
         item.report("rendered by path tracing, with all light")
     else:
+        if item.type in _FROM_LIGHTS:
+            item.report(
+                "rendered by path tracing, which finds caustics of small lights seldom or never"
+            )
         # what is particular to a method changes how light is found, not which
         item.ignore(*item.parameters)
     item.ignore("regularize", "lightsampler", "lightsamplestrategy", "rrthreshold", "pixelbounds")
