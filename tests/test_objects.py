@@ -361,11 +361,46 @@ def test_meshio_like() -> None:
         ),
         (SimpleNamespace(vertices=CORNERS, faces=[[0.0, 1, 2]]), r"faces are float64 of shape"),
         (SimpleNamespace(vertices=CORNERS[:, :2], faces=FACES), r"vertices have shape \(8, 2\)"),
+        (
+            SimpleNamespace(vertices=CORNERS, faces=[[0, 1, 2], [0, 1]]),
+            r"^SimpleNamespace: faces are no \(F, 3\) indices: not all are of one length",
+        ),
     ],
 )
 def test_refused(thing: Any, words: str) -> None:
     with pytest.raises(ph.SceneError, match=words):
         ph.render(thing)
+
+
+def test_lists_without_end() -> None:
+    box = SimpleNamespace(vertices=CORNERS, faces=FACES)
+    round: list[Any] = [box]
+    round.append(round)
+    deep: list[Any] = [box]
+    for _ in range(3000):
+        deep = [box, deep]
+    for things in (round, deep):
+        with pytest.raises(ph.SceneError, match="lists of objects lie more than 32 deep"):
+            ph.scene_of(things)
+    assert len(ph.scene_of([box, [box, [box]]], ground=False).shapes) == 4  # with the key light
+
+
+def test_own_shapes_among_others() -> None:
+    box = SimpleNamespace(vertices=CORNERS, faces=FACES)
+    ball = ph.Spheres([[0, 0, 3]], 0.5)
+    for things in ([ball, box], [box, ball]):
+        scene = ph.scene_of(things)
+        assert ball in scene.shapes
+        assert {type(shape) for shape in scene.shapes[:2]} == {ph.Spheres, ph.Mesh}
+        ph.prepare(scene)
+    with pytest.raises(ph.SceneError, match="unknown field to colour by 'x'"):
+        ph.scene_of([ball, box], color_by="x")
+
+
+def test_a_panorama_that_is_not_there(tmp_path: Any) -> None:
+    scene = ph.scene_of(CORNERS, environment=tmp_path / "nope.hdr")
+    with pytest.raises(ph.SceneError, match=r"nope\.hdr: no such file$"):
+        ph.prepare(scene)
 
 
 def test_unknown_option() -> None:

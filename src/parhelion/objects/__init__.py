@@ -25,13 +25,16 @@ from ..scene import Curves, Cylinders, Disks, Instances, Mesh, Scene, Shape, Sph
 from ..studio import axis, dressed, framing
 from . import atoms, surfaces
 from .arrays import floats
-from .parts import Part, Points, scene_of_parts
+from .parts import Own, Part, Points, scene_of_parts
 
 _SHAPES = (Spheres, Mesh, Disks, Cylinders, Curves, Instances)
 # Whose shapes stand on a ground where there is no light; particles float.
 _STANDING = (Mesh,)
 # Radiance up to which meshes glow for show, as in glTF, whose materials trimesh has
 _GLOW = 1.0
+
+# Lists in lists; more are a slip of the pen, such as a list that holds itself.
+_DEEPEST = 32
 
 _CHOICES = (
     "a Scene or shapes, a path, (N, 3) positions, objects of ASE, MDAnalysis, pyvista (which wraps"
@@ -43,8 +46,9 @@ def scene_of(thing: Any, **options: Any) -> Scene:
     """The scene that an object is, with a view, light and a ground as files get them.
 
     thing: a Scene, a path, (N, 3) positions, a shape or a list of shapes of this package, or an
-    object of ASE, MDAnalysis, pyvista, trimesh, meshio and the like, or a list of objects that are
-    to be seen together. options: fields of LoadOptions, such as color_by, radius, view, ground.
+    object of ASE, MDAnalysis, pyvista, trimesh, meshio and the like, or a list of objects and
+    shapes that are to be seen together. options: fields of LoadOptions, such as color_by, radius,
+    view, ground.
 
     Raises SceneError for an object of none of these kinds, and for one that makes no scene.
     """
@@ -128,8 +132,13 @@ def _own(thing: Any) -> bool:
     return isinstance(thing, _SHAPES)
 
 
-def _parts(thing: Any) -> tuple[list[Part], Sequence[str]]:
-    """What an object is made of, and the options that this reads. Raises SceneError."""
+def _parts(thing: Any, depth: int = 0) -> tuple[list[Part], Sequence[str]]:
+    """What an object is made of, and the options that this reads. Raises SceneError.
+
+    depth: how many lists it lies in.
+    """
+    if depth > _DEEPEST:
+        raise SceneError(f"lists of objects lie more than {_DEEPEST} deep in each other")
     for known, make, taken in KINDS:
         if known(thing):
             return list(make(thing, _named(thing))), taken
@@ -139,7 +148,7 @@ def _parts(thing: Any) -> tuple[list[Part], Sequence[str]]:
             " it; a picture is of one of them"
         )
     if isinstance(thing, (list, tuple)) and thing and _of_a_kind(thing[0]):
-        made = [_parts(one) for one in thing]
+        made = [_parts(one, depth + 1) for one in thing]
         return [part for parts, _ in made for part in parts], _BOTH
     if isinstance(thing, (np.ndarray, list, tuple)) or hasattr(thing, "__array__"):
         return [Points(Particles(floats(thing)), "positions")], _POINTS
@@ -171,6 +180,7 @@ _BOTH = tuple(dict.fromkeys((*_POINTS, *_FACES)))
 KINDS: tuple[
     tuple[Callable[[Any], bool], Callable[[Any, str], Iterable[Part]], Sequence[str]], ...
 ] = (
+    (lambda x: isinstance(x, _SHAPES), lambda x, _: [Own(x)], ("up",)),
     (_ATOMS, _of_atoms(atoms.ase_atoms), _POINTS),
     (_has("symbol", "position", "number"), _of_atoms(atoms.ase_atoms), _POINTS),
     (

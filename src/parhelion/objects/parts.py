@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import particles
 from ..errors import SceneError, option, unknown_name
+from ..framing import bounds
 from ..io import LoadOptions
 from ..io.mesh_file import colored, legend_of, numbers_of, shaded
 from ..io.meshes import MeshData, check_indices
@@ -136,7 +137,28 @@ class Points:
         return scene.shapes, scene.legend if options.color_by else None
 
 
-Part = Surface | Lines | Points
+@dataclass(frozen=True, eq=False)
+class Own:
+    """A shape of this package, which stays as it is."""
+
+    shape: Shape
+
+    @property
+    def points(self) -> NDArray[Any]:
+        """The corners of its box, (2, 3)."""
+        return np.array(bounds(Scene([self.shape])))
+
+    def fields(self) -> list[str]:
+        return []
+
+    def values(self, name: str) -> NDArray[Any]:
+        raise KeyError(name)
+
+    def made(self, _: LoadOptions, __: Any) -> tuple[Sequence[Shape], None]:
+        return [self.shape], None
+
+
+Part = Surface | Lines | Points | Own
 
 
 def scene_of_parts(parts: Sequence[Part], options: LoadOptions, name: str) -> Scene:

@@ -180,7 +180,13 @@ def trimesh_cloud(thing: Any, name: str) -> Iterator[Part]:
 
 def mesh_parts(thing: Any, name: str) -> Iterator[Part]:
     """Anything with (V, 3) vertices and (F, 3) faces."""
-    vertices, faces = floats(thing.vertices), np.asarray(thing.faces)
+    vertices = floats(thing.vertices)
+    try:
+        faces = np.asarray(thing.faces)
+    except (TypeError, ValueError):
+        raise SceneError(
+            f"{name}: faces are no (F, 3) indices: not all are of one length"
+        ) from None
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise SceneError(f"vertices have shape {vertices.shape}, not (V, 3)")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
