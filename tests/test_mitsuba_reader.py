@@ -498,6 +498,13 @@ def test_lights(read: Read) -> None:
     assert sun.params["direction"] == (1.0, 0.0, 0.0)
 
 
+def test_integrators_that_follow_light_from_its_sources(
+    read: Read, caplog: pytest.LogCaptureFixture
+) -> None:
+    read('<integrator type="sppm"/>')
+    assert "integrator (sppm): rendered by path tracing" in caplog.text
+
+
 @pytest.mark.parametrize(("given", "ours"), [(2, 2), (7, 7), (-1, 65536)])
 def test_depth_counts_the_same_rays(read: Read, given: int, ours: int) -> None:
     body = f'<integrator type="path"><integer name="max_depth" value="{given}"/></integrator>'

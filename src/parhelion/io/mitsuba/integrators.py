@@ -19,6 +19,8 @@ _SAME_LIGHT = (
     "path", "volpath", "volpathmis", "volpath_simple", "ptracer", "bdpt", "pssmlt", "mlt", "erpt",
     "prb", "prb_basic", "prbvolpath", "photonmapper", "sppm", "ppm",
 )  # fmt: skip
+# Those among them that follow light from its sources too, often chosen for caustics
+_FROM_LIGHTS = ("ptracer", "bdpt", "pssmlt", "mlt", "erpt", "photonmapper", "sppm", "ppm")
 
 
 def read(r: Reader, o: Object, settings: Settings) -> Settings:
@@ -51,6 +53,10 @@ def _common(r: Reader, o: Object) -> None:
 def _path(r: Reader, o: Object, settings: Settings) -> Settings:
     """Both count rays, the camera's own included: at 2, light that was scattered once."""
     _common(r, o)
+    if o.type in _FROM_LIGHTS:
+        r.report(
+            f"{o}: rendered by path tracing, which finds caustics of small lights seldom or never"
+        )
     depth = r.integer(o, "max_depth", -1)
     if depth < -1:
         raise o.error(f"max_depth is {depth}; must be -1, for no limit, or 0 and above")
