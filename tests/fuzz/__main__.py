@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import signal
 import sys
 import tempfile
 import time
@@ -33,8 +34,13 @@ def main() -> int:
         print(table(args.table))
         return 0
     failed = False
+    # Whoever ends it keeps what was done so far
+    ends: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: ends.append(number))
     with tempfile.TemporaryDirectory() as scratch, Worker(Path(scratch) / "worker") as worker:
         for reader in args.reader or READERS:
+            if ends:
+                break
             begun = time.monotonic()
             endings, make = READERS[reader]
             seeds = make()
@@ -49,7 +55,7 @@ def main() -> int:
             seed = int(time.time()) if args.seed is None else args.seed
             tally = run(
                 worker, reader, seeds, seed=seed, seconds=args.seconds, learn=args.learn,
-                options=OPTIONS.get(reader, ({},)), found=found,
+                options=OPTIONS.get(reader, ({},)), found=found, ended=lambda: bool(ends),
             )  # fmt: skip
             line = {
                 "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),

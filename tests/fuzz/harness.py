@@ -131,6 +131,7 @@ class Worker:
         self.errors = tempfile.TemporaryFile()  # noqa: SIM115
         self.process = subprocess.Popen(
             [sys.executable, str(source)],
+            start_new_session=True,  # signals are for the harness
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors, env=environment,
             cwd=self.folder,
         )  # fmt: skip
@@ -300,8 +301,10 @@ def run(
     count: int | None = None,
     learn: bool = False,
     found: Callable[[str, Case, dict[str, Any]], None] = lambda *_: None,
+    ended: Callable[[], bool] = lambda: False,
 ) -> Tally:
-    """Loads cases until so many seconds of the worker's time, or so many cases, are gone.
+    """Loads cases until so many seconds of the worker's time, or so many cases, are gone, or it is
+    ended.
 
     learn: a case with an outcome of a kind that was not seen before becomes a seed.
     """
@@ -310,7 +313,7 @@ def run(
     begun = worker.seconds()
     for case in cases(reader, seeds, learned, seed, options):
         tally.cpu = worker.seconds() - begun
-        if tally.cpu >= seconds or (count is not None and tally.cases >= count):
+        if tally.cpu >= seconds or (count is not None and tally.cases >= count) or ended():
             break
         said = worker.load(case)
         tally.cases += 1
