@@ -9,12 +9,10 @@
 #include <string>
 
 #include "../core/special.h"
+#include "../host/threads.h"
 
 namespace parhelion {
 namespace {
-
-// Below it threads cost more than they save.
-constexpr u32 kFewFaces = 4096;
 
 struct Geometry {
   std::vector<Vec3> normals;  // of each face, 0 without an area
@@ -24,7 +22,7 @@ struct Geometry {
 template <class Real>
 Geometry measure(const Real* vertices, const u32* faces, u32 face_count) {
   Geometry found{std::vector<Vec3>(face_count), std::vector<float>(size_t{3} * face_count)};
-#pragma omp parallel for schedule(static) if (face_count > kFewFaces)
+#pragma omp parallel for schedule(static) if (face_count > kFewElements)
   for (u32 f = 0; f < face_count; ++f) {
     double edges[3][3];  // from each corner to the next
     for (int i = 0; i < 3; ++i) {
@@ -112,7 +110,7 @@ class Joiner {
         pass(i, j);
       } else if (flat(normals_[j])) {
         pass(j, i);
-      } else if (dot(normals_[i], normals_[j]) > cos_) {
+      } else if (baseline::dot(normals_[i], normals_[j]) > cos_) {
         unite(i, j);
       }
     }
@@ -134,7 +132,7 @@ class Joiner {
     if (first == kNone) {
       first = other;
       unite(sliver, other);
-    } else if (dot(normals_[first], normals_[other]) > cos_) {
+    } else if (baseline::dot(normals_[first], normals_[other]) > cos_) {
       unite(sliver, other);
     }
   }
@@ -142,14 +140,13 @@ class Joiner {
   // Whether all faces lie within half the crease of the first, as around most vertices.
   bool near(const u32* corners, u32 n) const {
     for (u32 i = 1; i < n; ++i) {
-      if (!(dot(face_normals_[corners[i] / 3], face_normals_[corners[0] / 3]) > cos_half_)) {
+      if (!(baseline::dot(face_normals_[corners[i] / 3], face_normals_[corners[0] / 3]) >
+            cos_half_)) {
         return false;
       }
     }
     return true;
   }
-
-  static float dot(Vec3 a, Vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
   u32 root(u32 i) {
     while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
@@ -177,7 +174,7 @@ ShadedMesh shade(const Real* vertices, u32 vertex_count, const u32* faces, u32 f
                  std::optional<double> crease) {
   const Corners corners(vertex_count, faces, face_count);
   const Geometry geometry = measure(vertices, faces, face_count);
-  const bool many = face_count > kFewFaces;
+  const bool many = face_count > kFewElements;
   const size_t threads = many ? static_cast<size_t>(omp_get_max_threads()) : 1;
   u32 most = 0;  // corners at a vertex
   for (u32 v = 0; v < vertex_count; ++v) {

@@ -1,5 +1,6 @@
 #include "polygons.h"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <string>
@@ -21,6 +22,10 @@ bool within(Point p, Point a, Point b, Point c) {
 }
 
 bool same(Point a, Point b) { return a.x == b.x && a.y == b.y; }
+
+// A corner that lies inside by less than this part of the coordinates' size is none: on a disk of
+// many corners every other one does by rounding.
+constexpr double kFlat = 2e-7;
 
 class Cutter {
  public:
@@ -62,7 +67,7 @@ class Cutter {
   }
 
   // Projects the polygon along the axis that it faces most, to turn left; false if it turns both
-  // ways.
+  // ways, by more than the rounding of float coordinates may do.
   bool convex(const double* vertices, const u32* corners, u32 n) {
     double normal[3] = {0, 0, 0};
     for (u32 i = 0; i < n; ++i) {
@@ -80,12 +85,16 @@ class Cutter {
     const bool back = normal[axis] < 0.0;
     const int u = (axis + 1) % 3, v = (axis + 2) % 3;
     points_.resize(n);
+    double extent = 0.0;
     for (u32 i = 0; i < n; ++i) {
       const double* p = vertices + size_t{3} * corners[i];
       points_[i] = back ? Point{p[v], p[u]} : Point{p[u], p[v]};
+      extent = std::max({extent, std::abs(p[u]), std::abs(p[v])});
     }
     for (u32 i = 0; i < n; ++i) {
-      if (turn(points_[i], points_[(i + 1) % n], points_[(i + 2) % n]) < 0.0) return false;
+      const Point a = points_[i], b = points_[(i + 1) % n], c = points_[(i + 2) % n];
+      const double dent = kFlat * extent * std::hypot(c.x - a.x, c.y - a.y);
+      if (turn(a, b, c) < -dent) return false;
     }
     return true;
   }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <bit>
 
+#include "../core/random.h"
+
 namespace parhelion {
 namespace {
 
@@ -10,14 +12,10 @@ constexpr u32 kFree = ~0u;
 // Rows whose slots are fetched before the first of them is looked for
 constexpr u32 kAhead = 32;
 
-// Finalizer of splitmix64 (S. Vigna, prng.di.unimi.it), over the words one after the other.
 size_t hash(const u32* row, u32 width) {
   u64 h = 0;
   for (u32 i = 0; i < width; ++i) {
-    h = (h ^ row[i]) + 0x9e3779b97f4a7c15ull;
-    h = (h ^ (h >> 30)) * 0xbf58476d1ce4e5b9ull;
-    h = (h ^ (h >> 27)) * 0x94d049bb133111ebull;
-    h ^= h >> 31;
+    h = baseline::mix((h ^ row[i]) + 0x9e3779b97f4a7c15ull);
   }
   return static_cast<size_t>(h);
 }

@@ -41,22 +41,25 @@ class MeshData:
 
 
 def triangulate(
-    counts: Integers, corners: NDArray[Any], vertices: Floats
+    name: str, counts: Integers, corners: NDArray[Any], vertices: Floats
 ) -> tuple[NDArray[Any], Integers]:
     """Polygons as triangles: fans around the first corner, or, if not convex, ears cut off.
 
     counts: (P,) corners of each polygon, at least 3. corners: (C,) the vertex of each, one polygon
     after the other, in range. vertices: (V, 3). Returns (F, 3) vertices of the triangles, and the
-    (F,) polygon of each. Raises ValueError for a polygon of more than 16,384 corners that is not
-    convex. Method: loading/polygons.h.
+    (F,) polygon of each. Raises FormatError, its text beginning with `name`, for a polygon of more
+    than 16,384 corners that is not convex. Method: loading/polygons.h.
     """
     if (counts == 3).all():
         return corners.reshape(-1, 3), np.arange(len(counts))
-    places = _core.polygons(
-        np.ascontiguousarray(vertices, np.float64),
-        np.ascontiguousarray(counts, np.uint32),
-        np.ascontiguousarray(corners, np.uint32),
-    )
+    try:
+        places = _core.polygons(
+            np.ascontiguousarray(vertices, np.float64),
+            np.ascontiguousarray(counts, np.uint32),
+            np.ascontiguousarray(corners, np.uint32),
+        )
+    except ValueError as error:
+        raise FormatError(f"{name}: {error}") from None
     return corners[places], np.repeat(np.arange(len(counts)), counts - 2)
 
 

@@ -52,10 +52,7 @@ def read_groups(path: Path) -> tuple[MeshData, Groups]:
     if not len(text["sizes"]):
         others = f"; of {', '.join(text['unknown'])} nothing is made" if left_out else ""
         raise FormatError(f"{path}: has no faces ('f' lines){others}")
-    try:
-        mesh, polygon = _indexed(text)
-    except ValueError as error:
-        raise FormatError(f"{path}: {error}") from None
+    mesh, polygon = _indexed(path, text)
     uses, libraries = (
         [
             (at, rest.decode("utf-8", "replace"))
@@ -70,7 +67,7 @@ def read_groups(path: Path) -> tuple[MeshData, Groups]:
     return mesh, Groups(names, number[use], [name for _, name in libraries], left_out)
 
 
-def _indexed(text: dict[str, Any]) -> tuple[MeshData, Integers]:
+def _indexed(path: Path, text: dict[str, Any]) -> tuple[MeshData, Integers]:
     """The mesh, corners that differ in anything as different vertices in the order of the file; and
     the polygon of each triangle.
     """
@@ -79,7 +76,7 @@ def _indexed(text: dict[str, Any]) -> tuple[MeshData, Integers]:
     which, first = _core.distinct_rows((corners[:, :1] if bare else corners).copy().view(np.uint32))
     at, uv, normal = corners[first].T
     vertices = text["positions"][at]
-    faces, polygon = triangulate(text["sizes"].astype(np.int64), which, vertices)
+    faces, polygon = triangulate(str(path), text["sizes"].astype(np.int64), which, vertices)
     colors = text["colors"]
     if len(colors):
         colors = np.clip(colors / (255.0 if np.any(colors > 1.0) else 1.0), 0.0, 1.0)

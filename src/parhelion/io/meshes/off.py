@@ -102,10 +102,7 @@ def _faces(
         raise FormatError(f"{path}: its faces hold something that is no index")
     indices = corners.astype(np.int64)
     check_corners(str(path), sizes, indices, len(vertices))
-    try:
-        triangles, polygon = triangulate(sizes, indices, vertices)
-    except ValueError as error:
-        raise FormatError(f"{path}: {error}") from None
+    triangles, polygon = triangulate(str(path), sizes, indices, vertices)
     colors = None
     if np.all(words - 1 - sizes >= 3):
         colors = _color(numbers[(starts + 1 + sizes)[:, None] + np.arange(3)])[polygon]

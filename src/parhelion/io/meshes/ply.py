@@ -141,10 +141,7 @@ def read(path: Path, points: bool = False) -> MeshData:
     vertices = _take(vertex, "x", "y", "z")
     assert vertices is not None
     check_corners(str(path), counts, corners, len(vertices))
-    try:
-        triangles, polygon = triangulate(counts, corners, vertices)
-    except ValueError as error:
-        raise FormatError(f"{path}: {error}") from None
+    triangles, polygon = triangulate(str(path), counts, corners, vertices)
     normals = _take(vertex, "nx", "ny", "nz")
     uvs = None
     for names in _UV_NAMES:

@@ -291,11 +291,8 @@ def add(
     """Adds the triangles of polygons, moved by the matrix, one Mesh for each part of them."""
     if not len(p.counts):
         return
-    try:
-        places = np.arange(len(p.corners))
-        triangles, polygon = triangulate(p.counts, places, p.points[p.corners])
-    except ValueError as error:
-        raise SceneError(str(error)) from None
+    places = np.arange(len(p.corners))
+    triangles, polygon = triangulate("polygons", p.counts, places, p.points[p.corners])
     # a mirrored surface keeps its outside
     if inverted != bool(np.linalg.det(matrix[:3, :3]) < 0.0):
         triangles = triangles[:, [0, 2, 1]]
