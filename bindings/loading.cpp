@@ -108,7 +108,7 @@ nb::dict obj(const Text& text) {
   d["normals"] = adopt(std::move(found.normals), 3);
   d["colors"] = adopt(std::move(found.colors), 3);
   d["sizes"] = adopt(std::move(found.sizes));
-  d["corners"] = adopt(std::move(found.corners), 3);
+  d["corners"] = adopt(std::move(found.corners), found.width);
   d["statements"] = statements;
   nb::list unknown;
   for (const std::string& word : found.unknown) unknown.append(nb::str(word.data(), word.size()));

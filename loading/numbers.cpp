@@ -3,14 +3,12 @@
 #include <algorithm>
 #include <charconv>
 #include <limits>
-#include <new>
 #include <stdexcept>
+
+#include "blocks.h"
 
 namespace parhelion {
 namespace {
-
-// Texts shorter than this are read by one thread, bytes.
-constexpr size_t kBlock = size_t{1} << 18;
 
 // The value of a number that std::from_chars finds out of range.
 double beyond(const char* at, const char* end) {
@@ -43,16 +41,14 @@ double beyond(const char* at, const char* end) {
 // Whole numbers of so few digits are exact in a double.
 constexpr int kExactDigits = 15;
 
-void parse_block(const char* at, const char* end, std::vector<double>& values, bool& failed) {
+std::vector<double> parse_block(const char* at, const char* end) {
+  std::vector<double> values;
   while (true) {
     while (at < end && is_blank(*at)) ++at;
-    if (at == end) return;
+    if (at == end) return values;
     double value;
     at = parse_number(at, end, value);
-    if (at == nullptr) {
-      failed = true;
-      return;
-    }
+    if (at == nullptr) throw std::invalid_argument("something that is no number");
     values.push_back(value);
   }
 }
@@ -95,32 +91,9 @@ std::vector<double> parse_numbers(std::string_view text) {
     const char* at = std::max(begin + i * kBlock, cuts[i - 1]);
     cuts[i] = std::find_if(at, end, is_blank);
   }
-  std::vector<std::vector<double>> values(count);
-  std::vector<char> failed(count);
-#pragma omp parallel for schedule(dynamic) if (count > 1)
-  for (int i = 0; i < count; ++i) {
-    bool broken = false;
-    try {
-      parse_block(cuts[i], cuts[i + 1], values[i], broken);
-      failed[i] = broken;
-    } catch (const std::bad_alloc&) {  // which may not leave a thread
-      failed[i] = 2;
-    }
-  }
-  if (std::find(failed.begin(), failed.end(), char{2}) != failed.end()) throw std::bad_alloc();
-  if (std::find(failed.begin(), failed.end(), char{1}) != failed.end()) {
-    throw std::invalid_argument("something that is no number");
-  }
-  if (count == 1) return std::move(values[0]);
-  size_t total = 0;
-  for (const auto& block : values) total += block.size();
-  std::vector<double> all;
-  all.reserve(total);
-  for (auto& block : values) {
-    all.insert(all.end(), block.begin(), block.end());
-    block = {};
-  }
-  return all;
+  std::vector<std::vector<double>> blocks(count);
+  read_blocks(count, [&](int i) { blocks[i] = parse_block(cuts[i], cuts[i + 1]); });
+  return joined<double>(blocks, [](auto& block) -> auto& { return block; });
 }
 
 }  // namespace parhelion

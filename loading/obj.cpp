@@ -18,9 +18,7 @@ constexpr i64 kMost = std::numeric_limits<int>::max();
 // the next.
 class Lines {
  public:
-  explicit Lines(std::string_view text) : rest_(text) {
-    if (rest_.substr(0, 3) == "\xef\xbb\xbf") rest_.remove_prefix(3);  // UTF-8's mark
-  }
+  explicit Lines(std::string_view text) : rest_(text) {}
 
   bool next(std::string_view& line) {
     if (rest_.empty()) return false;
@@ -95,9 +93,17 @@ class Words {
   const char* end_;
 };
 
+void add_unknown(std::string word, std::vector<std::string>& all) {
+  if (all.size() < kMostUnknown && std::find(all.begin(), all.end(), word) == all.end()) {
+    all.push_back(std::move(word));
+  }
+}
+
+// Reads a text, or a block of one that others precede. A block does not know what those hold: where
+// that matters, as for what is wrong, it throws, and the text is to be read as one.
 class Reader {
  public:
-  explicit Reader(std::string_view text) : lines_(text) {}
+  explicit Reader(std::string_view text, bool block = false) : lines_(text), block_(block) {}
 
   ObjText read() {
     std::string_view line;
@@ -119,7 +125,13 @@ class Reader {
         unknown(word);
       }
     }
-    check();
+    if (!block_) check();
+    if (plain_) {
+      found_.width = 1;
+      std::vector<int>& all = found_.corners;
+      for (size_t c = 0; c < all.size() / 3; ++c) all[c] = all[3 * c];
+      all.resize(all.size() / 3);
+    }
     return std::move(found_);
   }
 
@@ -158,16 +170,10 @@ class Reader {
     for (; !words.done(); ++size) corner(words);
     if (size < 3) fail("a face needs at least 3 corners");
     found_.sizes.push_back(size);
-    face_lines_.push_back(lines_.number());
+    if (!block_) face_lines_.push_back(lines_.number());
   }
 
-  void unknown(std::string_view word) {
-    std::string shown = printable(word);
-    std::vector<std::string>& all = found_.unknown;
-    if (all.size() < kMostUnknown && std::find(all.begin(), all.end(), shown) == all.end()) {
-      all.push_back(std::move(shown));
-    }
-  }
+  void unknown(std::string_view word) { add_unknown(printable(word), found_.unknown); }
 
   // v, v/vt, v//vn or v/vt/vn: from 1, or back from the last that came before.
   void corner(Words& words) {
@@ -186,6 +192,7 @@ class Reader {
              printable(words.next()) + ", more than there can be");
       }
       if (at == begin && (kind == 0 || negative)) fail_corner(words);
+      if (negative && block_) fail("counts back");
       if (negative) index = count(kind) + 1 - index;
       if (index < 0 || (index == 0 && (negative || kind == 0))) {
         fail(refers(found_.sizes.size(), kind, negative ? index - count(kind) - 1 : 0));
@@ -193,6 +200,7 @@ class Reader {
       indices[kind] = static_cast<int>(index - 1);
       if (at == end || is_blank(*at)) break;
       if (kind == 2 || *at++ != '/') fail_corner(words);
+      plain_ = false;
     }
     words.move(at);
     found_.corners.insert(found_.corners.end(), indices, indices + 3);
@@ -234,16 +242,92 @@ class Reader {
   }
 
   Lines lines_;
+  bool block_;
   ObjText found_;
   std::vector<u32> face_lines_;
   std::array<double, 6> extra_{};  // of a line, by their place
   bool colored_ = true;
+  bool plain_ = true;  // corners are positions alone
 };
+
+// Cuts a text into blocks, between lines without a backslash, which may join them with the next.
+std::vector<std::string_view> cut(std::string_view text, size_t block) {
+  std::vector<std::string_view> blocks;
+  for (size_t begin = 0; begin < text.size();) {
+    size_t end = begin + block;
+    while (end < text.size()) {
+      // To the end of the line that the place is in, or before which it is
+      const size_t line = text.rfind('\n', end - 1) + 1;
+      end = std::min(text.find('\n', end), text.size() - 1) + 1;
+      if (text.substr(line, end - line).find('\\') == std::string_view::npos) break;
+    }
+    end = std::min(end, text.size());
+    blocks.push_back(text.substr(begin, end - begin));
+    begin = end;
+  }
+  return blocks;
+}
+
+void widen(ObjText& text) {
+  if (text.width == 3) return;
+  std::vector<int> wide(3 * text.corners.size(), -1);
+  for (size_t c = 0; c < text.corners.size(); ++c) wide[3 * c] = text.corners[c];
+  text.corners = std::move(wide);
+  text.width = 3;
+}
+
+ObjText join(std::vector<ObjText>& blocks) {
+  ObjText all;
+  all.width = 1;
+  for (ObjText& block : blocks) {
+    for (ObjStatement& s : block.statements) {
+      s.polygon += static_cast<u32>(all.sizes.size());
+      all.statements.push_back(std::move(s));
+    }
+    for (std::string& word : block.unknown) add_unknown(std::move(word), all.unknown);
+    all.sizes.insert(all.sizes.end(), block.sizes.begin(), block.sizes.end());
+    all.width = std::max(all.width, block.width);
+  }
+  if (all.width == 3) std::for_each(blocks.begin(), blocks.end(), widen);
+  all.positions = joined<double>(blocks, [](ObjText& b) -> auto& { return b.positions; });
+  all.uvs = joined<double>(blocks, [](ObjText& b) -> auto& { return b.uvs; });
+  all.normals = joined<double>(blocks, [](ObjText& b) -> auto& { return b.normals; });
+  all.colors = joined<double>(blocks, [](ObjText& b) -> auto& { return b.colors; });
+  all.corners = joined<int>(blocks, [](ObjText& b) -> auto& { return b.corners; });
+  return all;
+}
+
+// Whether all indices of a text are those of something in it.
+bool in_range(const ObjText& text) {
+  const size_t counts[3] = {text.positions.size() / 3, text.uvs.size() / 2,
+                            text.normals.size() / 3};
+  for (size_t c = 0; c < text.corners.size(); ++c) {
+    if (text.corners[c] >= static_cast<i64>(counts[c % text.width])) return false;
+  }
+  return true;
+}
+
+ObjText read_text(std::string_view text, size_t block) {
+  const std::vector<std::string_view> cuts = cut(text, block);
+  if (cuts.size() > 1) {
+    try {
+      std::vector<ObjText> blocks(cuts.size());
+      read_blocks(static_cast<int>(cuts.size()),
+                  [&](int i) { blocks[i] = Reader(cuts[i], true).read(); });
+      ObjText all = join(blocks);
+      if (in_range(all)) return all;
+    } catch (const ObjError&) {
+      // which the whole text, read as one, will tell of rightly
+    }
+  }
+  return Reader(text).read();
+}
 
 }  // namespace
 
-ObjText parse_obj(std::string_view text) {
-  ObjText found = Reader(text).read();
+ObjText parse_obj(std::string_view text, size_t block) {
+  if (text.substr(0, 3) == "\xef\xbb\xbf") text.remove_prefix(3);  // UTF-8's mark
+  ObjText found = read_text(text, block);
   if (found.colors.size() != found.positions.size()) found.colors.clear();
   return found;
 }

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "../core/types.h"
+#include "blocks.h"
 
 namespace parhelion {
 
@@ -18,7 +19,10 @@ struct ObjText {
   std::vector<double> positions, uvs, normals;  // three, two and three numbers each
   std::vector<double> colors;                   // three a position, or none at all
   std::vector<u32> sizes;                       // corners of each polygon
-  std::vector<int> corners;  // position, uv and normal of each corner, from 0; -1 is none
+  // Position, uv and normal of each corner, from 0; -1 is none. Where no corner has more than a
+  // position, only that, and `width` is 1.
+  std::vector<int> corners;
+  u32 width = 3;
   std::vector<ObjStatement> statements;  // usemtl and mtllib
   std::vector<std::string> unknown;      // words that lines begin with and that mean nothing here
 };
@@ -29,7 +33,7 @@ struct ObjError : std::runtime_error {
 };
 
 // Reads v, vt, vn and f lines and the statements above; g, o and s are passed over.
-// Every index is in range. Throws ObjError.
-ObjText parse_obj(std::string_view text);
+// Every index is in range. Throws ObjError. Threads read blocks of about so many bytes.
+ObjText parse_obj(std::string_view text, size_t block = kBlock);
 
 }  // namespace parhelion

@@ -890,7 +890,7 @@ def test_a_picture_that_is_cut_short_is_named_when_it_is_decoded(read: Any) -> N
     scene = read(f)
     texture = only_material(scene).params["color"]
     whole = texture.params["image"]
-    cut = type(whole)(whole[:-30], whole.name)
+    cut = type(whole)(whole.data[:-30], whole.name)
     broken = ph.Material("diffuse", color=ph.Texture("image", image=cut))
     with pytest.raises(FormatError, match=r"shape 'mesh': .*scene.*: images\[0\]: cannot be read"):
         ph.prepare(ph.Scene([ph.Mesh(np.eye(3), [[0, 1, 2]], material=broken)]))

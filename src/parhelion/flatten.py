@@ -473,7 +473,7 @@ class _Parts:
             raise SceneError(f"{where}: {unknown_name('color_space', color_space, choices)}")
         from .image import is_encoded, read_pixels
 
-        path = is_encoded(image) and not isinstance(image, bytes)
+        path = isinstance(image, (str, os.PathLike))
         key = (os.fspath(image) if path else id(image), color_space, data, mip, radiance)
         if key not in self._images_made:
             self._kept.append(image)

@@ -164,7 +164,10 @@ def reach(scene: Scene) -> tuple[Array, float]:
     middle = 0.5 * low + 0.5 * high
     radius = 0.0
     for centers, radii in subject(scene):
-        away = np.linalg.norm(centers - middle, axis=1) + radii
+        squares = np.zeros(len(centers))
+        for along, center in zip(centers.T, middle, strict=True):  # faster than rows of three
+            squares += (along - center) ** 2
+        away = np.sqrt(squares) + radii if np.any(radii) else np.sqrt(np.max(squares))
         radius = max(radius, float(np.max(away)))
     return middle, radius
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -295,7 +295,7 @@ def _reason(geterror: Callable[[], str]) -> str:
         return "it holds bytes that are no text"
 
 
-def read_pixels(source: str | os.PathLike[str] | bytes, where: str = "") -> NDArray[Any]:
+def read_pixels(source: Encoded, where: str = "") -> NDArray[Any]:
     """A picture's pixels, (H, W, C) uint8, uint16 or float32, as they are stored in a file.
 
     source: the file's path, or all of its bytes. C is 1 to 4: grey, grey and alpha, RGB, RGB and
@@ -307,7 +307,7 @@ def read_pixels(source: str | os.PathLike[str] | bytes, where: str = "") -> NDAr
         return _read_pixels(path, start)
 
 
-def picture_shape(source: str | os.PathLike[str] | bytes, where: str = "") -> tuple[int, int, int]:
+def picture_shape(source: Encoded, where: str = "") -> tuple[int, int, int]:
     """The shape of what read_pixels returns, by the picture's header alone.
 
     Raises what read_pixels would for a file that is no picture or too large a one.
@@ -319,32 +319,41 @@ def picture_shape(source: str | os.PathLike[str] | bytes, where: str = "") -> tu
         return int(spec.height), int(spec.width), len(_channels(spec))
 
 
-class PictureBytes(bytes):
+@dataclass(frozen=True, eq=False)
+class PictureBytes:
     """The bytes of a picture file that lies within another; name: where, for messages."""
 
+    data: bytes
     name: str
 
-    def __new__(cls, data: bytes, name: str) -> PictureBytes:
-        made = super().__new__(cls, data)
-        made.name = name
-        return made
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return PictureBytes, (bytes(self), self.name)
+    def __repr__(self) -> str:
+        return f"<{len(self.data)} bytes of {self.name}>"
 
 
 def is_encoded(image: Any) -> bool:
     """Whether read_pixels is what makes pixels of it: a path, or a picture file's bytes."""
-    return isinstance(image, (str, os.PathLike, bytes))
+    return isinstance(image, (str, os.PathLike, bytes, PictureBytes))
+
+
+# What is_encoded() is true of
+Encoded: TypeAlias = str | os.PathLike[str] | bytes | PictureBytes
+
+
+def encoded_bytes(image: Encoded) -> bytes:
+    """All of a picture's file. Raises OSError."""
+    if isinstance(image, bytes):
+        return image
+    return image.data if isinstance(image, PictureBytes) else Path(image).read_bytes()
 
 
 @contextmanager
-def _file_of(source: str | os.PathLike[str] | bytes, where: str) -> Iterator[tuple[str, str]]:
+def _file_of(source: Encoded, where: str) -> Iterator[tuple[str, str]]:
     """A path for a picture, and how messages about it begin."""
-    if isinstance(source, bytes):
-        name = getattr(source, "name", "")
-        with _memory_file(len(source)) as path:
-            Path(path).write_bytes(source)
+    if isinstance(source, (bytes, PictureBytes)):
+        name = "" if isinstance(source, bytes) else source.name
+        data = encoded_bytes(source)
+        with _memory_file(len(data)) as path:
+            Path(path).write_bytes(data)
             yield path, ": ".join(x for x in (where, name) if x)
     else:
         path = os.fspath(source)

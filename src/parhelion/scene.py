@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from os import PathLike
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -129,7 +128,7 @@ def _comparable(value: Any) -> object:
         if len(value) > 16 or getattr(value, "ndim", 1) > 2:
             return id(value)
         return tuple(_comparable(x) for x in value)
-    return value if isinstance(value, PathLike) else float(value)
+    return float(value) if hasattr(value, "__float__") else value
 
 
 class Texture(_Entry):

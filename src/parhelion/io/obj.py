@@ -77,7 +77,8 @@ def load(path: Path, options: LoadOptions) -> Scene:
                 continue
             known |= _materials(file, folders, reports)
         plain = shaded(data, path.stem)
-        used = [groups.names[i] for i in np.unique(groups.of_face)]
+        present = np.bincount(groups.of_face, minlength=len(groups.names)) > 0
+        used = [name for name, there in zip(groups.names, present, strict=True) if there]
         material: Any = plain.material
         if used != [""]:
             for name in used:
@@ -86,10 +87,10 @@ def load(path: Path, options: LoadOptions) -> Scene:
             table = {name: known.get(name, Material("diffuse")) for name in used}
             if "" in table:
                 table[""] = material
-            indices = np.searchsorted(np.unique(groups.of_face), groups.of_face)
             names = {name: name or "no material" for name in used}
             materials: Mapping[str, Material] = {names[n]: m for n, m in table.items()}
-            material = indices if len(used) > 1 else names[used[0]]
+            indices = (np.cumsum(present) - 1)[groups.of_face] if len(used) > 1 else None
+            material = names[used[0]] if indices is None else indices
         else:
             materials = {}
         mesh = replace(plain, material=material)

@@ -235,7 +235,9 @@ class Images:
         try:
             return read()
         except FormatError as error:
-            raise error if isinstance(picture, bytes) else self._source.error(str(error)) from None
+            raise (
+                error if not isinstance(picture, str) else self._source.error(str(error))
+            ) from None
 
     def _once(
         self, key: tuple[Any, ...], where: str, make: Callable[[], NDArray[Any]]

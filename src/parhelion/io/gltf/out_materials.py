@@ -6,14 +6,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import exp, radians
 from os import PathLike, fspath
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ... import tables
-from ...image import encoded, is_encoded, read_pixels, srgb_encoded
+from ...image import encoded, encoded_bytes, is_encoded, read_pixels, srgb_encoded
 from ...scene import Material, Texture
 from ..files import Reports
 from .building import Builder, text
@@ -384,7 +383,7 @@ class Materials:
     def _stored(self, image: Any) -> NDArray[Any] | bytes | None:
         """An image as it is, if glTF can have it so: the bytes of its file, or whole numbers."""
         if is_encoded(image):
-            data = image if isinstance(image, bytes) else Path(image).read_bytes()
+            data = encoded_bytes(image)
             if any(data.startswith(start) for start in _FILES):
                 return data
         pixels = self._read(image)

@@ -15,7 +15,7 @@ from ... import scene as model
 from ...atomic import is_special, replacing
 from ...errors import SceneError
 from ...framing import placed
-from ...image import read_pixels
+from ...image import is_encoded, read_pixels
 from ..files import Reports
 from . import sidefile
 from .document import SHAPES, Arrays, Pixels
@@ -164,7 +164,7 @@ class _Writer:
             if self.packing is None:
                 raise SceneError(f"image {os.fspath(image)!r} is not inside the folder {root}")
             image, given = read_pixels(file), str(file)
-        elif isinstance(image, bytes):
+        elif is_encoded(image):
             image = read_pixels(image)
         pixels = np.asarray(image)
         if pixels.dtype.kind == "b":

@@ -17,7 +17,7 @@ from ... import _core
 from ...errors import FormatError
 from ...spectra import decode_srgb
 from ..files import contents
-from . import Integers, MeshData, triangulate
+from . import Floats, Integers, MeshData, triangulate
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,16 @@ def _indexed(path: Path, text: dict[str, Any]) -> tuple[MeshData, Integers]:
     the polygon of each triangle.
     """
     corners = text["corners"]
-    bare = not len(text["uvs"]) and not len(text["normals"])
-    which, first = _core.distinct_rows((corners[:, :1] if bare else corners).copy().view(np.uint32))
-    at, uv, normal = corners[first].T
+    uv = normal = None
+    if corners.shape[1] == 1:
+        used = np.zeros(len(text["positions"]), bool)
+        used[corners[:, 0]] = True
+        at, which = np.flatnonzero(used), corners[:, 0]
+        if not used.all():
+            which = (np.cumsum(used) - 1)[which]
+    else:
+        which, first = _core.distinct_rows(corners.view(np.uint32))
+        at, uv, normal = corners[first].T
     vertices = text["positions"][at]
     faces, polygon = triangulate(str(path), text["sizes"].astype(np.int64), which, vertices)
     colors = text["colors"]
@@ -83,8 +90,13 @@ def _indexed(path: Path, text: dict[str, Any]) -> tuple[MeshData, Integers]:
     mesh = MeshData(
         vertices=vertices,
         faces=faces,
-        normals=text["normals"][normal] if (normal >= 0).all() else None,
-        uvs=text["uvs"][uv] if (uv >= 0).all() else None,
+        normals=_of(text["normals"], normal),
+        uvs=_of(text["uvs"], uv),
         attributes={"vertex_color": decode_srgb(colors[at])} if len(colors) else {},
     )
     return mesh, polygon
+
+
+def _of(values: Floats, places: Integers | None) -> Floats | None:
+    """The values at these places; None where some vertex has none."""
+    return None if places is None or (places < 0).any() else values[places]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...errors import FormatError
 from ...spectra import decode_srgb
 from ..files import contents
-from . import Floats, Integers, MeshData, check_corners, triangulate
+from . import Floats, Indices, Integers, MeshData, check_corners, triangulate
 from .numbers import parse
 
 _TYPES = {
@@ -99,12 +99,21 @@ class _Body:
         return np.where(at == inside, found, 0)
 
 
+def _whole(items: Floats | Indices) -> Indices:
+    """Items of a list that are indices, as they are stored if those are whole numbers."""
+    whole: Indices = np.asarray(items, np.int64 if items.dtype.kind == "f" else items.dtype)
+    return whole
+
+
 def _within(numbers: Floats, item: str) -> Floats | Integers:
     """Numbers of a text as those of a type, whole ones cut to its range."""
     if item[0] == "f":
         return numbers
     most = np.iinfo(item)
-    return np.asarray(np.clip(np.nan_to_num(numbers), most.min, most.max), item)
+    cut = np.clip(numbers, most.min, most.max)
+    if cut.size and np.isnan(np.min(cut)):
+        cut = np.nan_to_num(cut)
+    return np.asarray(cut, item)
 
 
 def read(path: Path, points: bool = False) -> MeshData:
@@ -114,7 +123,7 @@ def read(path: Path, points: bool = False) -> MeshData:
     body = _Body(path, data[begin:], form)
     at = 0
     columns: dict[str, dict[str, Floats | Integers]] = {}
-    polygons: tuple[Integers, Integers] | None = None
+    polygons: tuple[Integers, Indices] | None = None
     left_out: list[str] = []
     for element in elements:
         at, found, lists = _element(body, element, at)
@@ -185,7 +194,7 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
     return form, elements, end.end()
 
 
-_Found = tuple[int, dict[str, Floats | Integers], dict[str, tuple[Integers, Integers]]]
+_Found = tuple[int, dict[str, Floats | Integers], dict[str, tuple[Integers, Indices]]]
 
 
 def _element(body: _Body, element: _Element, begin: int) -> _Found:
@@ -194,7 +203,7 @@ def _element(body: _Body, element: _Element, begin: int) -> _Found:
     if element.size * smallest > len(body.data) - begin:
         raise FormatError(f"{body.path}: is cut short: {element.size} of element {element.name!r}")
     numbers: dict[str, Floats | Integers] = {}
-    lists: dict[str, tuple[Integers, Integers]] = {}
+    lists: dict[str, tuple[Integers, Indices]] = {}
     if element.size == 0:
         for p in element.properties:
             if p.count:
@@ -244,7 +253,7 @@ def _element(body: _Body, element: _Element, begin: int) -> _Found:
             )
         own = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
         items = body.values(np.repeat(place, counts) + own * body.width(p.item), p.item)
-        lists[p.name] = (counts, items.astype(np.int64))
+        lists[p.name] = (counts, _whole(items))
         place = after
     if int(place[-1]) > len(body.data):
         raise FormatError(f"{body.path}: is cut short: element {element.name!r}")
@@ -272,7 +281,7 @@ def _even(body: _Body, element: _Element, begin: int) -> _Found | None:
     if element.size * length > len(body.data) - begin:
         return None
     numbers: dict[str, Floats | Integers] = {}
-    lists: dict[str, tuple[Integers, Integers]] = {}
+    lists: dict[str, tuple[Integers, Indices]] = {}
     at = begin
     for p in element.properties:
         if not p.count:
@@ -285,7 +294,7 @@ def _even(body: _Body, element: _Element, begin: int) -> _Found | None:
             return None
         at += body.width(p.count)
         items = body.column(p.item, at, length, element.size, size) if size else np.empty(0)
-        lists[p.name] = (np.asarray(counts, np.int64), items.ravel().astype(np.int64))
+        lists[p.name] = (np.asarray(counts, np.int64), _whole(items.ravel()))
         at += size * body.width(p.item)
     return begin + element.size * length, numbers, lists
 
