@@ -14,16 +14,19 @@
 namespace parhelion {
 namespace {
 
-struct Geometry {
-  std::vector<Vec3> normals;  // of each face, 0 without an area
-  std::vector<float> angles;  // of each corner, radians
+struct Face {
+  Vec3 normal;      // of length 1, or 0 without an area
+  float angles[3];  // at the corners, radians
 };
 
+// Faces that are measured at once: angles in loops without branches, which would go either way as
+// often.
+constexpr u32 kBatch = 16;
+
 template <class Real>
-Geometry measure(const Real* vertices, const u32* faces, u32 face_count) {
-  Geometry found{std::vector<Vec3>(face_count), std::vector<float>(size_t{3} * face_count)};
-#pragma omp parallel for schedule(static) if (face_count > kFewElements)
-  for (u32 f = 0; f < face_count; ++f) {
+void measure_batch(const Real* vertices, const u32* faces, u32 count, Face* found) {
+  float across[2][kBatch] = {}, along[2][kBatch] = {}, angles[2][kBatch];
+  for (u32 f = 0; f < count; ++f) {
     double edges[3][3];  // from each corner to the next
     for (int i = 0; i < 3; ++i) {
       const Real* from = vertices + size_t{3} * faces[size_t{3} * f + i];
@@ -36,18 +39,34 @@ Geometry measure(const Real* vertices, const u32* faces, u32 face_count) {
                          a[0] * b[1] - a[1] * b[0]};
     const double area = std::sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
     const double unit = area == 0.0 ? 0.0 : 1.0 / area;
-    found.normals[f] = {float(n[0] * unit), float(n[1] * unit), float(n[2] * unit)};
-    float* angles = &found.angles[size_t{3} * f];
+    found[f].normal = {float(n[0] * unit), float(n[1] * unit), float(n[2] * unit)};
     for (int i = 0; i < 2; ++i) {
       // The sine and the cosine of the angle, both times the lengths of its two edges
       const double* out = edges[i];
       const double* in = edges[(i + 2) % 3];
-      const double along = -(out[0] * in[0] + out[1] * in[1] + out[2] * in[2]);
-      const double scale = std::max(area, std::abs(along));
+      const double cosine = -(out[0] * in[0] + out[1] * in[1] + out[2] * in[2]);
+      const double scale = std::max(area, std::abs(cosine));
       const double inverse = scale == 0.0 ? 0.0 : 1.0 / scale;
-      angles[i] = baseline::atan2(float(area * inverse), float(along * inverse));
+      across[i][f] = float(area * inverse), along[i][f] = float(cosine * inverse);
     }
-    angles[2] = std::max(0.0f, kPi - angles[0] - angles[1]);
+  }
+  for (int i = 0; i < 2; ++i) {
+    for (u32 f = 0; f < kBatch; ++f) angles[i][f] = baseline::atan2(across[i][f], along[i][f]);
+  }
+  for (u32 f = 0; f < count; ++f) {
+    const float a = angles[0][f], b = angles[1][f];
+    found[f].angles[0] = a, found[f].angles[1] = b;
+    found[f].angles[2] = std::max(0.0f, kPi - a - b);
+  }
+}
+
+template <class Real>
+std::vector<Face> measure(const Real* vertices, const u32* faces, u32 face_count) {
+  std::vector<Face> found(face_count);
+#pragma omp parallel for schedule(static) if (face_count > kFewElements)
+  for (u32 f = 0; f < face_count; f += kBatch) {
+    const u32 count = std::min(kBatch, face_count - f);
+    measure_batch(vertices, faces + size_t{3} * f, count, &found[f]);
   }
   return found;
 }
@@ -73,13 +92,28 @@ struct Corners {
   }
 };
 
+// The sum of normals, each times the angle of its face's corner.
+struct Sum {
+  double x = 0, y = 0, z = 0;
+
+  void add(const Face& face, u32 at) {
+    const double angle = face.angles[at];
+    x += angle * face.normal.x, y += angle * face.normal.y, z += angle * face.normal.z;
+  }
+  Vec3 direction() const {
+    const double length = std::sqrt(x * x + y * y + z * z);
+    return length < 1e-6 ? Vec3{1, 0, 0}
+                         : Vec3{float(x / length), float(y / length), float(z / length)};
+  }
+};
+
 // Finds which corners at a vertex belong together.
 class Joiner {
  public:
   // crease: radians. most: corners at a vertex; nothing is allocated later, where threads run.
-  Joiner(const u32* faces, const std::vector<Vec3>& normals, double crease, u32 most)
+  Joiner(const u32* faces, const std::vector<Face>& measured, double crease, u32 most)
       : faces_(faces),
-        face_normals_(normals),
+        measured_(measured),
         cos_(static_cast<float>(std::cos(crease))),
         cos_half_(static_cast<float>(std::cos(0.5 * crease))),
         edges_(size_t{2} * most),
@@ -87,18 +121,16 @@ class Joiner {
         parent_(most),
         beside_(most) {}
 
-  // Writes the part of each of the n corners, from 0 by the first of each; returns their number.
+  // Writes to part[c] the part of each of n corners c, from 0 by the first of each, where there are
+  // several; returns their number.
   u32 join(const u32* corners, u32 n, u32* part) {
-    if (near(corners, n)) {
-      std::fill(part, part + n, 0u);
-      return n > 0;
-    }
+    if (near(corners, n)) return n > 0;
     for (u32 i = 0; i < n; ++i) {
       const u32 c = corners[i], face = c / 3, at = c % 3;
       const u32* v = faces_ + size_t{3} * face;
       edges_[2 * i] = u64{v[at == 2 ? 0 : at + 1]} << 32 | i;
       edges_[2 * i + 1] = u64{v[at == 0 ? 2 : at - 1]} << 32 | i;
-      normals_[i] = face_normals_[face];
+      normals_[i] = measured_[face].normal;
       parent_[i] = i;
       beside_[i] = kNone;
     }
@@ -117,7 +149,7 @@ class Joiner {
     u32 parts = 0;
     for (u32 i = 0; i < n; ++i) {
       const u32 r = root(i);  // never after i
-      part[i] = r == i ? parts++ : part[r];
+      part[corners[i]] = r == i ? parts++ : part[corners[r]];
     }
     return parts;
   }
@@ -140,7 +172,7 @@ class Joiner {
   // Whether all faces lie within half the crease of the first, as around most vertices.
   bool near(const u32* corners, u32 n) const {
     for (u32 i = 1; i < n; ++i) {
-      if (!(baseline::dot(face_normals_[corners[i] / 3], face_normals_[corners[0] / 3]) >
+      if (!(baseline::dot(measured_[corners[i] / 3].normal, measured_[corners[0] / 3].normal) >
             cos_half_)) {
         return false;
       }
@@ -158,7 +190,7 @@ class Joiner {
   }
 
   const u32* faces_;
-  const std::vector<Vec3>& face_normals_;
+  const std::vector<Face>& measured_;
   float cos_, cos_half_;
   // Of the vertex at hand: the other end of each edge, above the place of the corner it is at
   std::vector<u64> edges_;
@@ -173,63 +205,59 @@ template <class Real>
 ShadedMesh shade(const Real* vertices, u32 vertex_count, const u32* faces, u32 face_count,
                  std::optional<double> crease) {
   const Corners corners(vertex_count, faces, face_count);
-  const Geometry geometry = measure(vertices, faces, face_count);
+  const std::vector<Face> measured = measure(vertices, faces, face_count);
   const bool many = face_count > kFewElements;
   const size_t threads = many ? static_cast<size_t>(omp_get_max_threads()) : 1;
   u32 most = 0;  // corners at a vertex
   for (u32 v = 0; v < vertex_count; ++v) {
     most = std::max(most, corners.begin[v + 1] - corners.begin[v]);
   }
+  const double radians = crease.value_or(0.0) * (3.14159265358979323846 / 180);
+  std::vector<Joiner> joiners(threads, Joiner(faces, measured, radians, most));
 
-  std::vector<u32> part(corners.at.size());          // of each of corners.at
+  ShadedMesh mesh;
+  mesh.faces.resize(corners.at.size());              // of each corner, for now, its part
   std::vector<u32> first(size_t{vertex_count} + 1);  // vertex of the result, of each vertex's parts
-  if (crease) {
-    const double radians = *crease * (3.14159265358979323846 / 180);
-    std::vector<Joiner> joiners(threads, Joiner(faces, geometry.normals, radians, most));
+  std::vector<Vec3> normals(vertex_count);           // of vertices that are one part, as most are
 #pragma omp parallel if (many)
-    {
-      Joiner& joiner = joiners[omp_get_thread_num()];
+  {
+    Joiner& joiner = joiners[omp_get_thread_num()];
 #pragma omp for schedule(static)
-      for (u32 v = 0; v < vertex_count; ++v) {
-        const u32 begin = corners.begin[v];
-        first[v] = joiner.join(corners.at.data() + begin, corners.begin[v + 1] - begin,
-                               part.data() + begin);
-      }
+    for (u32 v = 0; v < vertex_count; ++v) {
+      const u32* at = corners.at.data() + corners.begin[v];
+      const u32 n = corners.begin[v + 1] - corners.begin[v];
+      first[v] = crease ? joiner.join(at, n, mesh.faces.data()) : 1;
+      if (first[v] != 1) continue;
+      Sum sum;
+      for (u32 i = 0; i < n; ++i) sum.add(measured[at[i] / 3], at[i] % 3);
+      normals[v] = sum.direction();
     }
-  } else {
-    std::fill(first.begin(), first.end() - 1, 1u);
   }
   std::exclusive_scan(first.begin(), first.end(), first.begin(), 0u);
 
-  const u32 count = first[vertex_count];
-  ShadedMesh mesh{std::vector<u32>(corners.at.size()), std::vector<u32>(count),
-                  std::vector<Vec3>(count)};
-  std::vector<std::vector<double>> room(threads, std::vector<double>(size_t{3} * (most + 1)));
+  mesh.old.resize(first[vertex_count]);
+  mesh.normals.resize(first[vertex_count]);
+  std::vector<std::vector<Sum>> room(threads, std::vector<Sum>(most));
 #pragma omp parallel if (many)
   {
-    std::vector<double>& sums = room[omp_get_thread_num()];
 #pragma omp for schedule(static)
     for (u32 v = 0; v < vertex_count; ++v) {
-      const u32 parts = first[v + 1] - first[v];
-      std::fill(sums.begin(), sums.begin() + 3 * parts, 0.0);
+      const u32 begin = first[v], parts = first[v + 1] - begin;
+      std::fill_n(mesh.old.begin() + begin, parts, v);
+      if (parts == 1) {
+        mesh.normals[begin] = normals[v];
+        continue;
+      }
+      std::vector<Sum>& sums = room[omp_get_thread_num()];
+      std::fill_n(sums.begin(), parts, Sum{});
       for (u32 k = corners.begin[v]; k < corners.begin[v + 1]; ++k) {
-        const u32 corner = corners.at[k];
-        const Vec3 normal = geometry.normals[corner / 3];
-        const double angle = geometry.angles[corner];
-        double* sum = &sums[size_t{3} * part[k]];
-        sum[0] += angle * normal.x, sum[1] += angle * normal.y, sum[2] += angle * normal.z;
-        mesh.faces[corner] = first[v] + part[k];
+        const u32 c = corners.at[k];
+        sums[mesh.faces[c]].add(measured[c / 3], c % 3);
       }
-      for (u32 p = 0; p < parts; ++p) {
-        const double* sum = &sums[size_t{3} * p];
-        const double length = std::sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
-        mesh.old[first[v] + p] = v;
-        mesh.normals[first[v] + p] =
-            length < 1e-6
-                ? Vec3{1, 0, 0}
-                : Vec3{float(sum[0] / length), float(sum[1] / length), float(sum[2] / length)};
-      }
+      for (u32 p = 0; p < parts; ++p) mesh.normals[begin + p] = sums[p].direction();
     }
+#pragma omp for schedule(static)
+    for (size_t c = 0; c < mesh.faces.size(); ++c) mesh.faces[c] += first[faces[c]];
   }
   return mesh;
 }
