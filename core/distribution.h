@@ -3,6 +3,9 @@
 // Cumulative weights are whole numbers of 2^-32, near enough: every cell with a weight has at least
 // one, sums are exact, and the density is that of what is sampled, bit for bit. The mapping from
 // the unit square is monotonous along both axes, so stratified points stay stratified.
+//
+// The search begins at a guide: H.-C. Chen and Y. Asau, "On generating random variates from an
+// empirical distribution", AIIE Transactions 6(2), 1974.
 #pragma once
 #include "math.h"
 
@@ -14,6 +17,10 @@ inline constexpr u32 kDistributionWhole = 0xffffffffu;
 struct Distribution {
   const u32* rows;     // by row: where its share begins
   const u32* columns;  // by row and column: where its share of the row begins
+  // Of n equal parts of the whole for n rows, and the same of each row for its columns: in which
+  // share each begins.
+  const u16* row_guide;
+  const u16* column_guide;
   u32 width, height;
 };
 
@@ -34,18 +41,17 @@ PH_INLINE float share_of(const u32* starts, u32 count, u32 i) {
   return static_cast<float>(share_end(starts, count, i) - starts[i]) * 0x1p-32f;
 }
 
-// The cell in which u falls, and its place within as a new uniform number.
-PH_INLINE u32 pick_share(const u32* starts, u32 count, float u, float& rest) {
+// The share in which u falls, and its place within as a new uniform number.
+PH_INLINE u32 pick_share(const u32* starts, const u16* guide, u32 count, float u, float& rest) {
   const u64 fraction = static_cast<u64>(u * 0x1p24f);
   const u32 place = static_cast<u32>(fraction * kDistributionWhole >> 24);
-  u32 low = 0, high = count;  // starts[low] <= place < starts[high]
-  while (high - low > 1) {
-    const u32 middle = low + (high - low) / 2;
-    if (starts[middle] <= place) {
-      low = middle;
-    } else {
-      high = middle;
-    }
+  const u32 part = static_cast<u32>(static_cast<u64>(place) * count >> 32);
+  u32 low = guide[part];  // starts[low] <= place, and below that of the `left` cells on
+  u32 left = (part + 1 < count ? guide[part + 1] : count - 1) - low + 1;
+  while (left > 1) {
+    const u32 half = left / 2;
+    low = starts[low + half] <= place ? low + half : low;
+    left -= half;
   }
   const u32 size = share_end(starts, count, low) - starts[low];
   rest = min(static_cast<float>(place - starts[low]) / static_cast<float>(size), 0x1.fffffep-1f);
@@ -54,9 +60,10 @@ PH_INLINE u32 pick_share(const u32* starts, u32 count, float u, float& rest) {
 
 PH_INLINE CellSample sample_cell(const Distribution& d, Vec2 u) {
   CellSample s;
-  s.y = pick_share(d.rows, d.height, u.y, s.u.y);
-  const u32* row = d.columns + static_cast<u64>(s.y) * d.width;
-  s.x = pick_share(row, d.width, u.x, s.u.x);
+  s.y = pick_share(d.rows, d.row_guide, d.height, u.y, s.u.y);
+  const u64 first = static_cast<u64>(s.y) * d.width;
+  const u32* row = d.columns + first;
+  s.x = pick_share(row, d.column_guide + first, d.width, u.x, s.u.x);
   s.probability = share_of(d.rows, d.height, s.y) * share_of(row, d.width, s.x);
   return s;
 }

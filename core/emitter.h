@@ -121,17 +121,20 @@ PH_INLINE DirectSample sample_lights(const SceneView& scene, const Receiver& fro
   return s;
 }
 
-// What a ray that leaves the scene sees, and the density with which sample_lights would have picked
-// its direction for each part of it.
+// Calls f for each light that a ray which leaves the scene sees, with what it sees of it and, if
+// `weighed`, the density with which sample_lights would have picked the direction for it, else 0.
 template <class F>
-PH_INLINE void for_each_outside(const SceneView& scene, Vec3 direction, F&& f) {
+PH_INLINE void for_each_outside(const SceneView& scene, Vec3 direction, bool weighed, F&& f) {
   const float choice =
       outside_share(scene) / static_cast<float>(scene.smooth_first - scene.outside_first);
   for (u32 i = scene.outside_first; i < scene.light_count; ++i) {
-    const Vec3 shine = light_radiance(scene.lights[i], scene.tables, direction);
-    if (black(shine)) continue;
-    const bool asked = i < scene.smooth_first;
-    f(shine, asked ? choice * light_pdf(scene.lights[i], scene.tables, direction) : 0.0f);
+    if (weighed && i < scene.smooth_first) {
+      const LightSight s = light_seen(scene.lights[i], scene.tables, direction);
+      if (!black(s.radiance)) f(s.radiance, choice * s.pdf);
+    } else {
+      const Vec3 shine = light_radiance(scene.lights[i], scene.tables, direction);
+      if (!black(shine)) f(shine, 0.0f);
+    }
   }
 }
 

@@ -47,19 +47,21 @@ constexpr double fifth_root(double x) {
   return r;
 }
 
-// Linear values of the 256 codes of sRGB (IEC 61966-2-1), rounded once.
-struct SrgbTable {
-  float linear[256];
+// Values of the 256 bytes, rounded once: plain ones, and linear ones of sRGB's codes
+// (IEC 61966-2-1).
+struct ByteTables {
+  float plain[256], srgb[256];
 
-  constexpr SrgbTable() : linear() {
+  constexpr ByteTables() : plain(), srgb() {
     for (int i = 0; i < 256; ++i) {
       const double code = i / 255.0, x = (code + 0.055) / 1.055;
       const double root = fifth_root(x);  // x^2.4 = x^2 (x^(1/5))^2
-      linear[i] = static_cast<float>(code <= 0.04045 ? code / 12.92 : x * x * root * root);
+      plain[i] = static_cast<float>(i) / 255.0f;
+      srgb[i] = static_cast<float>(code <= 0.04045 ? code / 12.92 : x * x * root * root);
     }
   }
 };
-PH_TABLE SrgbTable kSrgb;
+PH_TABLE ByteTables kBytes;
 
 PH_INLINE Texel operator+(const Texel& a, const Texel& b) { return {a.rgb + b.rgb, a.a + b.a}; }
 PH_INLINE Texel operator*(const Texel& a, float s) { return {a.rgb * s, a.a * s}; }
@@ -76,17 +78,16 @@ PH_INLINE u32 level_side(u32 side, u32 level) {
 PH_INLINE Texel fetch(const ImageView& image, u32 level, u32 x, u32 y) {
   const u64 texel = image.first[level] + static_cast<u64>(y) * level_side(image.width, level) + x;
   const u64 at = texel * image.channels;
-  float c[4] = {0.0f, 0.0f, 0.0f, 1.0f};
-  for (u32 i = 0; i < image.channels; ++i) {
-    if (image.format == ImageFormat::float32) {
-      c[i] = static_cast<const float*>(image.texels)[at + i];
-    } else {
-      const u8 code = static_cast<const u8*>(image.texels)[at + i];
-      c[i] = image.format == ImageFormat::srgb8 && i < 3 ? kSrgb.linear[code]
-                                                         : static_cast<float>(code) / 255.0f;
-    }
+  if (image.format == ImageFormat::float32) {
+    const float* c = static_cast<const float*>(image.texels) + at;
+    if (image.channels == 1) return {{c[0], c[0], c[0]}, 1.0f};
+    return {{c[0], c[1], c[2]}, image.channels == 4 ? c[3] : 1.0f};
   }
-  return {image.channels == 1 ? Vec3{c[0], c[0], c[0]} : Vec3{c[0], c[1], c[2]}, c[3]};
+  const u8* c = static_cast<const u8*>(image.texels) + at;
+  const float* value = image.format == ImageFormat::srgb8 ? kBytes.srgb : kBytes.plain;
+  const float first = value[c[0]];
+  if (image.channels == 1) return {{first, first, first}, 1.0f};
+  return {{first, value[c[1]], value[c[2]]}, image.channels == 4 ? kBytes.plain[c[3]] : 1.0f};
 }
 
 // A coordinate brought near [0, 1], where `wrap_texel` finishes the work on whole texels: there is
@@ -114,17 +115,14 @@ PH_INLINE u32 wrap_texel(int i, u32 size, Wrap wrap) {
   }
 }
 
-PH_INLINE Texel fetch_wrapped(const ImageView& image, u32 level, u32 x, u32 y) {
-  if (x == kNone || y == kNone) return {{0, 0, 0}, 0};
-  return fetch(image, level, x, y);
-}
-
 inline Texel nearest(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u, Wrap wrap_v) {
   const u32 w = level_side(image.width, level), h = level_side(image.height, level);
   const float x = wrap_coordinate(uv.x, wrap_u) * static_cast<float>(w);
   const float y = wrap_coordinate(1.0f - uv.y, wrap_v) * static_cast<float>(h);
-  return fetch_wrapped(image, level, wrap_texel(static_cast<int>(floor(x)), w, wrap_u),
-                       wrap_texel(static_cast<int>(floor(y)), h, wrap_v));
+  const u32 column = wrap_texel(static_cast<int>(floor(x)), w, wrap_u);
+  const u32 row = wrap_texel(static_cast<int>(floor(y)), h, wrap_v);
+  if (column == kNone || row == kNone) return {{0, 0, 0}, 0};
+  return fetch(image, level, column, row);
 }
 
 inline Texel bilinear(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u, Wrap wrap_v) {
@@ -136,10 +134,12 @@ inline Texel bilinear(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u, W
   const u32 x1 = wrap_texel(static_cast<int>(left) + 1, w, wrap_u);
   const u32 y0 = wrap_texel(static_cast<int>(top), h, wrap_v);
   const u32 y1 = wrap_texel(static_cast<int>(top) + 1, h, wrap_v);
-  const Texel upper =
-      mix(fetch_wrapped(image, level, x0, y0), fetch_wrapped(image, level, x1, y0), x - left);
-  const Texel lower =
-      mix(fetch_wrapped(image, level, x0, y1), fetch_wrapped(image, level, x1, y1), x - left);
+  const auto at = [&](u32 column, u32 row) -> Texel {
+    if (column == kNone || row == kNone) return {{0, 0, 0}, 0};
+    return fetch(image, level, column, row);
+  };
+  const Texel upper = mix(at(x0, y0), at(x1, y0), x - left);
+  const Texel lower = mix(at(x0, y1), at(x1, y1), x - left);
   return mix(upper, lower, y - top);
 }
 

@@ -70,6 +70,18 @@ PH_INLINE float light_pdf(const LightRecord& record, const LightTables& tables, 
                     [&](const auto& light) { return pdf(light, record, tables, direction); });
 }
 
+// Both.
+PH_INLINE LightSight light_seen(const LightRecord& record, const LightTables& tables,
+                                Vec3 direction) {
+  return with_light(record.block, [&](const auto& light) -> LightSight {
+    if constexpr (requires { seen(light, record, tables, direction); }) {
+      return seen(light, record, tables, direction);
+    } else {
+      return {radiance(light, record, tables, direction), pdf(light, record, tables, direction)};
+    }
+  });
+}
+
 // Of lights that are not outside.
 PH_INLINE LightReach light_reach(const LightRecord& record, const LightTables& tables) {
   return with_light(record.block, [&]<class Light>(const Light& light) -> LightReach {

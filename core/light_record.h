@@ -7,6 +7,7 @@
 //   radiance(l, record, tables, d)        what a ray that leaves the scene in direction d sees
 //   pdf(l, record, tables, d)             density of sample, per steradian; 0 for delta lights
 //   reach(l, record, tables)              of lights that are not outside: for the light tree
+//   seen(l, record, tables, d)            radiance and pdf, if they are cheaper together
 // and, if it has an image, has_image = true; if it shines so evenly that scattering alone finds it
 // with less noise than asking for it would, smooth = true.
 //
@@ -40,6 +41,12 @@ struct LightSample {
   float pdf;       // per steradian; 1 for delta lights, whose radiance is divided by distance^2
   Vec3 radiance;
   bool delta;
+};
+
+// What a ray that leaves the scene sees, and the density with which sampling finds its direction.
+struct LightSight {
+  Vec3 radiance;
+  float pdf;
 };
 
 // A local light as the light tree takes it: `power` is its radiant intensity's luminance where it

@@ -435,7 +435,7 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 y,
         break;
       }
       if (view.integrator == Integrator::ambient_occlusion) return {1, 1, 1};
-      for_each_outside(scene, path.ray.direction,
+      for_each_outside(scene, path.ray.direction, path.scatter_pdf > 0.0f,
                        [&](Vec3 shine, float density) { add_light(path, shine, density); });
       break;
     }

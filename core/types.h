@@ -15,11 +15,12 @@
 namespace parhelion {
 
 using u8 = unsigned char;
+using u16 = unsigned short;
 using u32 = unsigned int;
 using u64 = unsigned long long;
 using i64 = long long;
 
-static_assert(sizeof(u32) == 4 && sizeof(u64) == 8 && sizeof(float) == 4);
+static_assert(sizeof(u16) == 2 && sizeof(u32) == 4 && sizeof(u64) == 8 && sizeof(float) == 4);
 
 inline constexpr float kInfinity = __builtin_bit_cast(float, 0x7f800000u);
 inline constexpr float kPi = 3.14159265358979324f;

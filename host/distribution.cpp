@@ -33,20 +33,41 @@ double set_starts(const double* weights, size_t n, u32* starts) {
   return sum;
 }
 
+// For n shares, in which of them each of n equal parts of the whole begins.
+void set_guide(const u32* starts, size_t n, u16* guide) {
+  size_t share = 0;
+  for (size_t part = 0; part < n; ++part) {
+    const u64 begin = ((static_cast<u64>(part) << 32) + n - 1) / n;  // as the search rounds
+    while (share + 1 < n && starts[share + 1] <= begin) ++share;
+    guide[part] = static_cast<u16>(share);
+  }
+}
+
 }  // namespace
 
 DistributionTable::DistributionTable(u32 width, u32 height, const std::vector<double>& weights)
-    : width_(width), height_(height), rows_(height), columns_(weights.size()) {
+    : width_(width),
+      height_(height),
+      rows_(height),
+      columns_(weights.size()),
+      row_guide_(height),
+      column_guide_(weights.size()) {
   std::vector<double> row(height);
   const double* const w = weights.data();
 #pragma omp parallel for schedule(static)
   for (size_t y = 0; y < height; ++y) {
     row[y] = set_starts(w + y * width, width, columns_.data() + y * width);
   }
-  if (set_starts(row.data(), height, rows_.data()) > 0.0) return;
-  const std::vector<double> same(width > height ? width : height, 1.0);
-  for (size_t y = 0; y < height; ++y) set_starts(same.data(), width, columns_.data() + y * width);
-  set_starts(same.data(), height, rows_.data());
+  if (!(set_starts(row.data(), height, rows_.data()) > 0.0)) {
+    const std::vector<double> same(width > height ? width : height, 1.0);
+    for (size_t y = 0; y < height; ++y) set_starts(same.data(), width, columns_.data() + y * width);
+    set_starts(same.data(), height, rows_.data());
+  }
+  set_guide(rows_.data(), height, row_guide_.data());
+#pragma omp parallel for schedule(static)
+  for (size_t y = 0; y < height; ++y) {
+    set_guide(columns_.data() + y * width, width, column_guide_.data() + y * width);
+  }
 }
 
 DistributionTable latlong_distribution(const ImageView& image) {

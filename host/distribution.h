@@ -10,15 +10,22 @@ namespace parhelion {
 
 class DistributionTable {
  public:
-  // Weights by rows; those that are not positive and finite count as 0, and if all do, as 1.
+  // Weights by rows of up to 65,536 columns and as many rows; those that are not positive and
+  // finite count as 0, and if all do, as 1.
   DistributionTable(u32 width, u32 height, const std::vector<double>& weights);
 
-  Distribution view() const { return {rows_.data(), columns_.data(), width_, height_}; }
-  std::size_t memory() const { return (rows_.size() + columns_.size()) * sizeof(u32); }
+  Distribution view() const {
+    return {rows_.data(),         columns_.data(), row_guide_.data(),
+            column_guide_.data(), width_,          height_};
+  }
+  std::size_t memory() const {
+    return (rows_.size() + columns_.size()) * (sizeof(u32) + sizeof(u16));
+  }
 
  private:
   u32 width_, height_;
   std::vector<u32> rows_, columns_;
+  std::vector<u16> row_guide_, column_guide_;
 };
 
 // Of an environment's image, its luminance times solid angle: see core/panorama.h.

@@ -41,6 +41,39 @@ float linear_to_srgb(float x) {
 
 u8 to_byte(float x) { return static_cast<u8>(clamp(x, 0.0f, 1.0f) * 255.0f + 0.5f); }
 
+// The codes of sRGB by search instead of by a power.
+class SrgbCodes {
+ public:
+  SrgbCodes() {
+    for (u32 code = 1; code < 256; ++code) {
+      u32 low = 0, high = __builtin_bit_cast(u32, 1.0f);  // bits of numbers below it and not
+      while (high - low > 1) {
+        const u32 middle = low + (high - low) / 2;
+        const bool below = to_byte(linear_to_srgb(__builtin_bit_cast(float, middle))) < code;
+        (below ? low : high) = middle;
+      }
+      first_[code] = __builtin_bit_cast(float, high);
+    }
+    for (u32 i = 0, code = 0; i < kBins; ++i) {
+      const float x = static_cast<float>(i) / static_cast<float>(kBins);
+      while (code < 255 && first_[code + 1] <= x) ++code;
+      guide_[i] = static_cast<u8>(code);
+    }
+  }
+
+  u8 of(float x) const {
+    if (!(x > 0.0f)) return 0;
+    u32 code = guide_[std::min(static_cast<u32>(std::min(x, 1.0f) * kBins), kBins - 1)];
+    while (code < 255 && first_[code + 1] <= x) ++code;
+    return static_cast<u8>(code);
+  }
+
+ private:
+  static constexpr u32 kBins = 2048;
+  float first_[256] = {};  // the least number of each code
+  u8 guide_[kBins] = {};   // the code of the least number in each bin of [0, 1)
+};
+
 // Which texels of a row or column of n make texel i of the next level, and in what shares: two of
 // an even number; of an odd one three, the outer ones in part.
 struct Taps {
@@ -143,6 +176,21 @@ void ImagePyramid::check(const ImageInput& input) {
   const i64 texels = i64{input.width} * input.height;
   const ImageView image = view();
   float low = kInfinity, high = -kInfinity;
+  if (!bytes_.empty()) {
+    const u32 channels = view_.channels, colors = std::min(channels, 3u);
+    u8 least = 255, most = 0;
+#pragma omp parallel for schedule(static) reduction(min : least) \
+    reduction(max : most) if (texels > i64{kFewElements})
+    for (i64 i = 0; i < texels; ++i) {
+      for (u32 k = 0; k < colors; ++k) {
+        const u8 c = bytes_[static_cast<size_t>(i * channels + k)];
+        least = std::min(least, c), most = std::max(most, c);
+      }
+    }
+    const float* value = input.srgb ? kBytes.srgb : kBytes.plain;
+    low_ = value[least], high_ = value[most];
+    return;
+  }
   i64 bad = texels;
 #pragma omp parallel for schedule(static) reduction(min : low, bad) \
     reduction(max : high) if (texels > i64{kFewElements})
@@ -166,6 +214,7 @@ void ImagePyramid::check(const ImageInput& input) {
 void ImagePyramid::reduce() {
   const ImageView image = view();
   const u32 channels = image.channels;
+  static const SrgbCodes codes;
   std::vector<float> above, level;
   for (u32 l = 1; l < image.levels; ++l) {
     const u32 from_w = level_side(image.width, l - 1), from_h = level_side(image.height, l - 1);
@@ -198,7 +247,7 @@ void ImagePyramid::reduce() {
             floats_[to + k] = sum[k];
           } else {
             const bool encoded = image.format == ImageFormat::srgb8 && k < 3;
-            bytes_[to + k] = to_byte(encoded ? linear_to_srgb(sum[k]) : sum[k]);
+            bytes_[to + k] = encoded ? codes.of(sum[k]) : to_byte(sum[k]);
           }
         }
       }

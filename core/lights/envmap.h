@@ -42,18 +42,25 @@ PH_INLINE Vec3 radiance(const Envmap& light, const LightRecord& record, const Li
   return light.scale * panorama_color(tables.images[record.image], is_latlong(light), d);
 }
 
-PH_INLINE float pdf(const Envmap& light, const LightRecord& record, const LightTables& tables,
-                    Vec3 direction) {
+PH_INLINE LightSight seen(const Envmap& light, const LightRecord& record, const LightTables& tables,
+                          Vec3 direction) {
   const ImageView& image = tables.images[record.image];
   const Distribution& distribution = tables.distributions[record.distribution];
   const Vec3 d = to_local(record, direction);
   if (is_latlong(light)) {
     const LatLongCell c = latlong_cell_at(image, d);
-    return latlong_pdf(image, c, cell_probability(distribution, c.x, c.y));
+    return {light.scale * latlong_color(c),
+            latlong_pdf(image, c, cell_probability(distribution, c.x, c.y))};
   }
   const TexelPlace t = equal_area_texel(image, d);
-  return cell_probability(distribution, t.x, t.y) * static_cast<float>(image.width) *
-         static_cast<float>(image.height) / (4.0f * kPi);
+  return {light.scale * fetch(image, 0, t.x, t.y).rgb,
+          cell_probability(distribution, t.x, t.y) * static_cast<float>(image.width) *
+              static_cast<float>(image.height) / (4.0f * kPi)};
+}
+
+PH_INLINE float pdf(const Envmap& light, const LightRecord& record, const LightTables& tables,
+                    Vec3 direction) {
+  return seen(light, record, tables, direction).pdf;
 }
 
 }  // namespace parhelion::PH_ISA

@@ -305,6 +305,28 @@ void distributions_keep_every_weight() {
     CHECK(i == 0 || at.x > before.x);
     before = at;
   }
+  // The cell is that in whose share the number lies, on both axes.
+  for (u32 width = 1; width < 40; ++width) {
+    const u32 height = 41 - width;
+    std::vector<double> wild(size_t{width} * height);
+    for (double& w : wild) w = uniform2().x < 0.3f ? 0.0 : std::exp(30.0 * uniform2().x);
+    const DistributionTable found(width, height, wild);
+    const Distribution f = found.view();
+    const auto scanned = [](const u32* starts, u32 count, float u) {
+      const u64 place = static_cast<u64>(u * 0x1p24f) * kDistributionWhole >> 24;
+      u32 i = count - 1;
+      while (starts[i] > place) --i;
+      return i;
+    };
+    for (int i = 0; i < 200; ++i) {
+      const Vec2 u = i == 0   ? Vec2{0, 0}
+                     : i == 1 ? Vec2{0x1.fffffep-1f, 0x1.fffffep-1f}
+                              : uniform2();
+      const CellSample s = sample_cell(f, u);
+      CHECK(s.y == scanned(f.rows, height, u.y));
+      CHECK(s.x == scanned(f.columns + size_t{s.y} * width, width, u.x));
+    }
+  }
   const DistributionTable black(3, 2, std::vector<double>(6, 0.0));
   near("black", cell_probability(black.view(), 1, 1), 1.0 / 6, 1e-6);
 }
@@ -364,6 +386,7 @@ struct Bench {
   LightSample sample(Vec3 from, Vec2 u) const { return sample_light(record, tables(), from, u); }
   Vec3 radiance(Vec3 d) const { return light_radiance(record, tables(), d); }
   float pdf(Vec3 d) const { return light_pdf(record, tables(), d); }
+  LightSight seen(Vec3 d) const { return light_seen(record, tables(), d); }
 };
 
 // A light's parameters as preset.
@@ -414,6 +437,8 @@ void outside_light_is_sampled_rightly(const std::string& name, const Bench& ligh
     const Vec3 seen = light.radiance(s.direction);
     differs += std::abs(light.pdf(s.direction) - s.pdf) > 1e-3f * s.pdf ||
                length(seen - s.radiance) > 1e-3f * length(s.radiance) + 1e-6f;
+    const LightSight both = light.seen(s.direction);
+    CHECK(both.pdf == light.pdf(s.direction) && length(both.radiance - seen) == 0.0f);
     const double x = luminance(s.radiance) / s.pdf;
     sum += x, square += x * x;
   }

@@ -50,6 +50,26 @@ std::string message_of(const ImageInput& input) {
 constexpr float kMip = 0, kBilinear = 1, kNearest = 2, kRepeat = 0, kMirror = 1, kClamp = 2,
                 kZero = 3;
 
+// Of two texels in sRGB, the mean of their light, in the nearest code.
+void encoded_texels_are_mixed_as_light() {
+  const auto decoded = [](double c) {
+    return c <= 0.04045 ? c / 12.92 : std::pow((c + 0.055) / 1.055, 2.4);
+  };
+  const auto encoded = [](double x) {
+    return x <= 0.0031308 ? x * 12.92 : 1.055 * std::pow(x, 1.0 / 2.4) - 0.055;
+  };
+  for (int a = 0; a < 256; ++a) {
+    for (int b = a; b < 256; ++b) {
+      const u8 bytes[] = {static_cast<u8>(a), static_cast<u8>(b)};
+      const ImagePyramid image({"a", bytes, SampleType::uint8, 2, 1, 1, true, true});
+      const ImageView view = image.view();
+      const double mean = encoded(0.5 * (decoded(a / 255.0) + decoded(b / 255.0))) * 255.0;
+      const double found = static_cast<const u8*>(view.texels)[view.first[1]];
+      CHECK(std::abs(found - mean) < 0.5 + 1e-4);
+    }
+  }
+}
+
 // Every level of a pyramid has the image's mean in linear light, whatever its size and type.
 void pyramids_keep_the_mean() {
   for (const auto& [w, h] : {std::pair{16u, 16u}, {13u, 9u}, {1u, 7u}, {257u, 3u}, {1u, 1u}}) {
@@ -255,6 +275,7 @@ void bad_images() {
 }  // namespace
 
 int main() {
+  encoded_texels_are_mixed_as_light();
   pyramids_keep_the_mean();
   encodings();
   places_and_borders();
