@@ -7,10 +7,11 @@
 //   is_delta(m)             all of it is mirror-like: eval and pdf are 0
 //   eval(m, wo, wi)         f |cos wi|
 //   pdf(m, wo, wi)          density of sample, per steradian
-//   sample(m, wo, ...)      false where the path ends
+//   sample(m, wo, u, out)   false where the path ends
 //   transmits = true        if light can pass: it is then asked for either side of the surface,
 //   else
 //                           only for wo above it, whichever side is seen
+//   evaluate(m, wo, wi)     eval and pdf, as `value` and `pdf`, if they are cheaper together
 //   albedo(m)               for features, if the colour is not good enough
 //   emitted(m)              radiance, only if it shines
 #pragma once
@@ -19,6 +20,13 @@
 
 namespace parhelion::PH_ISA {
 
+// The numbers that sampling a material takes.
+struct BsdfDraws {
+  Vec2 direction;
+  Vec3 hemisphere;    // cosine_hemisphere(direction)
+  float lobe, lobe2;  // which lobe scatters, and which part of it
+};
+
 struct BsdfSample {
   Vec3 wi;
   Vec3 weight;  // f |cos| / pdf
@@ -26,6 +34,21 @@ struct BsdfSample {
   float eta;    // index of the far side over the near side if the light passed through, else 1
   bool delta;
 };
+
+struct BsdfValue {
+  Vec3 value;  // f |cos|
+  float pdf;
+};
+
+template <class Material>
+PH_INLINE BsdfValue value_of(const Material& m, Vec3 wo, Vec3 wi) {
+  if constexpr (requires { evaluate(m, wo, wi); }) {
+    const auto both = evaluate(m, wo, wi);
+    return {both.value, both.pdf};
+  } else {
+    return {eval(m, wo, wi), pdf(m, wo, wi)};
+  }
+}
 
 template <class Material>
 PH_INLINE Vec3 emitted(const Material&) {

@@ -66,60 +66,119 @@ PH_INLINE float emitter_pdf(const SceneView& scene, const Surface& s, const Rece
          });
 }
 
-// A direction towards one emissive primitive; its pdf without the choice of that primitive.
-PH_INLINE DirectSample sample_emitter(const SceneView& scene, Slot slot, Vec3 from, Vec2 u) {
-  const Instance* instance = instance_of(scene, slot);
-  return with_primitive(scene, slot, [&](const auto& shape, u32 id) -> DirectSample {
-    const Vec3 origin = instance ? transform_point(instance->to_group, from) : from;
-    const TowardsSample t = sample_towards(shape, origin, u);
-    DirectSample out = {t.direction, t.distance, t.pdf, {0, 0, 0}, false, slot};
-    if (!(t.pdf > 0.0f)) return out;
-    Surface s;
-    s.slot = slot;
-    const SurfacePoint p = {origin + t.direction * t.distance, t.normal, t.parameter, 0.0f};
-    complete(scene, shape, id, p, instance, false, s);
-    if (instance) {
-      const Vec3 d = transform_vector(instance->to_scene, t.direction);
-      const float stretch = 1.0f / length(d);
-      out.direction = d * stretch;
-      out.distance = t.distance / stretch;
-      out.pdf = t.pdf * solid_angle_ratio(*instance, stretch);
-    }
-    out.radiance = emission(scene, *s.material, s, dot(out.direction, s.normal) < 0.0f);
-    if (scene.has_holes) {
-      out.radiance = out.radiance * clamp(opacity(scene, *s.material, s, 0.0f), 0.0f, 1.0f);
-    }
-    return out;
-  });
+// A direction towards one emissive primitive, of which `t` is the sample in its group's frame and
+// `origin` the point there; its pdf without the choice of that primitive.
+template <class Shape>
+PH_INLINE DirectSample emitter_sample(const SceneView& scene, Slot slot, const Instance* instance,
+                                      const Shape& shape, u32 id, Vec3 origin,
+                                      const TowardsSample& t) {
+  DirectSample out = {t.direction, t.distance, t.pdf, {0, 0, 0}, false, slot};
+  if (!(t.pdf > 0.0f)) return out;
+  Surface s;
+  s.slot = slot;
+  const SurfacePoint p = {origin + t.direction * t.distance, t.normal, t.parameter, 0.0f};
+  complete(scene, shape, id, p, instance, false, s);
+  if (instance) {
+    const Vec3 d = transform_vector(instance->to_scene, t.direction);
+    const float stretch = 1.0f / length(d);
+    out.direction = d * stretch;
+    out.distance = t.distance / stretch;
+    out.pdf = t.pdf * solid_angle_ratio(*instance, stretch);
+  }
+  out.radiance = emission(scene, *s.material, s, dot(out.direction, s.normal) < 0.0f);
+  if (scene.has_holes) {
+    out.radiance = out.radiance * clamp(opacity(scene, *s.material, s, 0.0f), 0.0f, 1.0f);
+  }
+  return out;
 }
 
-PH_INLINE DirectSample sample_record(const SceneView& scene, u32 index, Vec3 from, Vec2 u) {
-  const LightSample s = sample_light(scene.lights[index], scene.tables, from, u);
-  return {s.direction, s.distance, s.pdf, s.radiance, s.delta, kNoSlot};
-}
+// A light that is asked: an entry of `lights`, an emissive primitive, or none.
+struct LightPick {
+  u32 record;  // kNone: the primitive in `slot`, if there is one
+  Slot slot;
+  float probability;
+};
 
-PH_INLINE DirectSample sample_lights(const SceneView& scene, const Receiver& from, Vec2 choice,
-                                     Vec2 u) {
-  DirectSample none = {{0, 0, 1}, 0.0f, 0.0f, {0, 0, 0}, false, kNoSlot};
+PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, Vec2 choice) {
   const float outside = outside_share(scene);
   if (choice.y < outside) {
     const u32 count = scene.smooth_first - scene.outside_first;
     const float place = choice.y / outside * static_cast<float>(count);
     const u32 index = static_cast<u32>(place) < count ? static_cast<u32>(place) : count - 1;
-    DirectSample s = sample_record(scene, scene.outside_first + index, from.point, u);
-    s.pdf *= outside / static_cast<float>(count);
-    return s;
+    return {scene.outside_first + index, kNoSlot, outside / static_cast<float>(count)};
   }
   // Of the 48 bits that the tree takes, the lower ones have already been used.
   const Vec2 rest = {choice.x, (choice.y - outside) / (1.0f - outside)};
   const LightChoice c = choose_light(scene.light_tree, from.point, from.normal, rest);
-  if (c.light == kNone) return none;
-  DirectSample s = c.light < scene.emitter_count
-                       ? sample_emitter(scene, scene.emitters[c.light], from.point, u)
-                       : sample_record(scene, c.light - scene.emitter_count, from.point, u);
-  s.pdf *= c.probability * (1.0f - outside);
-  return s;
+  if (c.light == kNone) return {kNone, kNoSlot, 0.0f};
+  const float probability = c.probability * (1.0f - outside);
+  if (c.light < scene.emitter_count) return {kNone, scene.emitters[c.light], probability};
+  return {c.light - scene.emitter_count, kNoSlot, probability};
 }
+
+// A direction towards the light that was picked.
+PH_INLINE DirectSample sample_pick(const SceneView& scene, const LightPick& pick, Vec3 from,
+                                   Vec2 u) {
+  DirectSample out = {{0, 0, 1}, 0.0f, 0.0f, {0, 0, 0}, false, kNoSlot};
+  if (pick.record != kNone) {
+    const LightSample s = sample_light(scene.lights[pick.record], scene.tables, from, u);
+    out = {s.direction, s.distance, s.pdf, s.radiance, s.delta, kNoSlot};
+  } else if (pick.slot.leaf != kNone) {
+    const Instance* instance = instance_of(scene, pick.slot);
+    const Vec3 origin = instance ? transform_point(instance->to_group, from) : from;
+    out = with_primitive(scene, pick.slot, [&](const auto& shape, u32 id) {
+      const TowardsSample t = sample_towards(shape, origin, u);
+      return emitter_sample(scene, pick.slot, instance, shape, id, origin, t);
+    });
+  }
+  out.pdf *= pick.probability;
+  return out;
+}
+
+PH_INLINE DirectSample sample_lights(const SceneView& scene, const Receiver& from, Vec2 choice,
+                                     Vec2 u) {
+  return sample_pick(scene, pick_light(scene, from, choice), from.point, u);
+}
+
+// Triangles of the scene itself that are asked for light, and the directions towards them: sixteen
+// at once, in a loop that compilers turn into vectors.
+template <u32 kCount>
+struct TriangleLights {
+  float vertex[3][3][kCount], from[3][kCount], u[2][kCount];
+  float direction[3][kCount], distance[kCount], pdf[kCount], normal[3][kCount];
+  float parameter[2][kCount];
+
+  PH_INLINE Triangle triangle(u32 i) const {
+    Triangle t;
+    for (int k = 0; k < 3; ++k) t.vertex[k] = {vertex[k][0][i], vertex[k][1][i], vertex[k][2][i]};
+    return t;
+  }
+  PH_INLINE void set(u32 i, const Triangle& t, Vec3 point, Vec2 draws) {
+    for (int k = 0; k < 3; ++k) {
+      vertex[k][0][i] = t.vertex[k].x, vertex[k][1][i] = t.vertex[k].y;
+      vertex[k][2][i] = t.vertex[k].z;
+    }
+    from[0][i] = point.x, from[1][i] = point.y, from[2][i] = point.z;
+    u[0][i] = draws.x, u[1][i] = draws.y;
+  }
+  PH_INLINE void sample() {
+    for (u32 i = 0; i < kCount; ++i) {
+      const TowardsSample t =
+          sample_towards(triangle(i), {from[0][i], from[1][i], from[2][i]}, {u[0][i], u[1][i]});
+      direction[0][i] = t.direction.x, direction[1][i] = t.direction.y;
+      direction[2][i] = t.direction.z, distance[i] = t.distance, pdf[i] = t.pdf;
+      normal[0][i] = t.normal.x, normal[1][i] = t.normal.y, normal[2][i] = t.normal.z;
+      parameter[0][i] = t.parameter.x, parameter[1][i] = t.parameter.y;
+    }
+  }
+  PH_INLINE TowardsSample towards(u32 i) const {
+    return {{direction[0][i], direction[1][i], direction[2][i]},
+            distance[i],
+            pdf[i],
+            {normal[0][i], normal[1][i], normal[2][i]},
+            {parameter[0][i], parameter[1][i]}};
+  }
+};
 
 // Calls f for each light that a ray which leaves the scene sees, with what it sees of it and, if
 // `weighed`, the density with which sample_lights would have picked the direction for it, else 0.

@@ -40,4 +40,10 @@ PH_INLINE Entry from_block(const ParamBlock& block) {
   return entry;
 }
 
+// And back.
+template <class Entry>
+PH_INLINE void to_block(const Entry& entry, ParamBlock& block) {
+  compiler::copy(block.value, &entry, sizeof(Entry));
+}
+
 }  // namespace parhelion::PH_ISA

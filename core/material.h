@@ -24,20 +24,12 @@ enum class MaterialKind : u32 {
 
 namespace parhelion::PH_ISA {
 
-// A material's struct from its block; `color` stands for its first parameter.
-template <class Material>
-PH_INLINE Material from_block(const ParamBlock& block, Vec3 color) {
-  Material m = from_block<Material>(block);
-  compiler::copy(&m, &color, sizeof(color));
-  return m;
-}
-
 // Calls f with the struct of the block's own material.
 template <class F>
-PH_INLINE auto with_material(const ParamBlock& block, Vec3 color, F&& f) {
+PH_INLINE auto with_material(const ParamBlock& block, F&& f) {
   switch (static_cast<MaterialKind>(block.kind)) {
 #define MATERIAL(name, Type) \
-  case MaterialKind::name: return f(from_block<Type>(block, color));
+  case MaterialKind::name: return f(from_block<Type>(block));
 #include "materials.def"
 #undef MATERIAL
   }
@@ -46,6 +38,10 @@ PH_INLINE auto with_material(const ParamBlock& block, Vec3 color, F&& f) {
 
 PH_INLINE Vec3 block_color(const ParamBlock& block) {
   return {block.value[0], block.value[1], block.value[2]};
+}
+// A primitive's own colour stands for the material's, its first parameter.
+PH_INLINE void set_block_color(ParamBlock& block, Vec3 color) {
+  block.value[0] = color.x, block.value[1] = color.y, block.value[2] = color.z;
 }
 
 }  // namespace parhelion::PH_ISA

@@ -59,7 +59,7 @@ PH_INLINE void cross_boundary(const SceneView& scene, Media& media, const Materi
 PH_INLINE float index_of(const SceneView& scene, u32 record) {
   if (record == kNone) return 1.0f;
   const ParamBlock& block = scene.materials[record].block;
-  return with_material(block, block_color(block), [](const auto& m) {
+  return with_material(block, [](const auto& m) {
     if constexpr (requires { m.ior; }) return m.ior;
     return 1.0f;
   });

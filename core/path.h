@@ -51,6 +51,7 @@ PH_INLINE Ray ray_from(const Surface& s, Vec3 direction) {
 // Where a path stands: the light gathered so far, and the ray that goes on.
 struct PathState {
   Ray ray;
+  Hit hit;  // of the ray, once it has been traced; its slot's leaf is kNone for none
   Vec3 sum;
   Vec3 throughput;
   Receiver receiver;    // the vertex that the ray leaves
@@ -60,8 +61,43 @@ struct PathState {
                         // origin, and what it grows by per unit of length
   u32 depth;            // rays so far, the camera's own included
   u32 channel;          // of red, green and blue the only one left, 0 to 2; kNone: all are there
+  u32 holes;            // passed by all rays so far
+  float travelled;      // from the camera
+  Sampler sampler;
   Media media;
 };
+
+// Where a path has met a surface: what one step of a bounce hands on to the next.
+struct Vertex {
+  Surface surface;
+  const MaterialRecord* record;
+  ParamBlock block;  // the material's parameters here
+  bool front;        // the surface is seen from its outside
+  bool asks;         // light is asked for
+  Frame frame;       // in which the surface scatters
+  Vec3 local_wo;
+  Receiver receiver;
+  DirectSample light;
+  Vec3 value;    // the light's radiance, scattered towards wo
+  float scale;   // its weight over its density
+  bool crosses;  // it arrives through the surface
+};
+
+// The numbers that a bounce of sixteen paths takes, by draw and path.
+struct BounceDraws {
+  float choice[2][kBatch], point[2][kBatch], direction[2][kBatch];
+  float hemisphere[3][kBatch], lobe[kBatch], lobe2[kBatch], roulette[kBatch];
+
+  PH_INLINE BsdfDraws bsdf(u32 i) const {
+    return {{direction[0][i], direction[1][i]},
+            {hemisphere[0][i], hemisphere[1][i], hemisphere[2][i]},
+            lobe[i],
+            lobe2[i]};
+  }
+};
+
+// What becomes of a path at a surface: it ends, goes straight on or is scattered.
+enum class Fate : u32 { ends, passes, scatters };
 
 PH_INLINE u32 bounce_draw(u32 depth) { return kDrawFirstBounce + (depth - 1) * kDrawsPerBounce; }
 
@@ -153,34 +189,6 @@ PH_INLINE Vec3 transmittance(const SceneView& scene, Ray ray, float distance, Sl
   return {0, 0, 0};
 }
 
-// Light that arrives straight from a light, through the body that it reaches the surface in, and is
-// scattered towards wo.
-template <class Material>
-PH_INLINE Vec3 direct_light(const SceneView& scene, const RenderView& view, const Surface& s,
-                            const MaterialRecord& record, const Material& material,
-                            const Frame& frame, Vec3 wo, Vec3 local_wo, const Receiver& receiver,
-                            Media media, const Sampler& sampler, u32 draw, PathStats& stats) {
-  const Vec2 u = draw2(sampler, draw + kDrawLight);
-  const Vec2 v = draw2(sampler, draw + kDrawLightPoint);
-  const DirectSample light = sample_lights(scene, receiver, u, v);
-  if (!(light.pdf > 0.0f) || black(light.radiance)) return {0, 0, 0};
-  const Vec3 wi = to_local(frame, light.direction);
-  if (!consistent(s, wo, light.direction, local_wo, wi)) return {0, 0, 0};
-  const Vec3 value = eval(material, local_wo, wi);
-  if (black(value)) return {0, 0, 0};
-  const Ray ray = ray_from(s, light.direction);
-  const Vec3 through = transmittance(scene, ray, light.distance, light.slot, view.tree, stats);
-  if (black(through)) return {0, 0, 0};
-  const float weight = light.delta ? 1.0f : power_heuristic(light.pdf, pdf(material, local_wo, wi));
-  Vec3 sum = value * light.radiance * through * (weight / light.pdf);
-  if constexpr (kTransmits<Material>) {
-    if (wi.z * local_wo.z < 0.0f) cross_boundary(scene, media, record, local_wo.z > 0.0f);
-  }
-  // A body that a ray leaves the scene from has no far side, for this ray as for the path's own.
-  if (finite(light.distance)) absorb(scene, media, light.distance, sum);
-  return sum;
-}
-
 // Light that the path's ray met by itself, weighed against the light sample that might have.
 PH_INLINE void add_light(PathState& path, Vec3 radiance, float light_density) {
   const float weight =
@@ -236,69 +244,99 @@ PH_INLINE bool disperse(const Sampler& sampler, PathState& path, Material& mater
   return true;
 }
 
-// --- Bounces ----------------------------------------------------------------------------------
+// --- The steps of a bounce --------------------------------------------------------------------
 
-// Scattering where a path meets a surface; false where the path ends.
+// From which side of the surface, and with which parameters and frame, the path sees the material.
 template <class Material>
-PH_INLINE bool scatter(const SceneView& scene, const RenderView& view, const Surface& s,
-                       const MaterialRecord& record, Material material, const Sampler& sampler,
-                       PathState& path, PathStats& stats, Features* features) {
-  const u32 draw = bounce_draw(path.depth);
+PH_INLINE Fate approach(const SceneView& scene, Material material, PathState& path, Vertex& v,
+                        Features* features) {
+  const Surface& s = v.surface;
   const Vec3 wo = -path.ray.direction;
-  const bool front = dot(wo, s.normal) > 0.0f;
-  Frame frame = shading_frame(scene, record, s, wo, path.width);
-  if (features && path.depth == 1) features->shading_normal = frame.z;
+  v.frame = shading_frame(scene, *v.record, s, wo, path.width);
+  if (features && path.depth == 1) features->shading_normal = v.frame.z;
   if constexpr (requires { material.dispersion; }) {
-    if (material.dispersion > 0.0f && !disperse(sampler, path, material)) return false;
+    if (material.dispersion > 0.0f && !disperse(path.sampler, path, material)) return Fate::ends;
   }
   if constexpr (kTransmits<Material>) {
-    if (!enter_boundary(scene, path.media, record, front, material)) {
+    if (!enter_boundary(scene, path.media, *v.record, v.front, material)) {
       // Within a body that takes precedence this surface is not there. It does stop the rays that
       // ask for light, so what lies behind it is found by scattering alone.
       path.scatter_pdf = 0.0f;
       path.ray = ray_from(s, path.ray.direction);
-      return true;
+      return Fate::passes;
     }
-  } else if (!front) {
-    frame = {frame.x, -frame.y, -frame.z};  // the same surface from its other side
+    to_block(material, v.block);
+  } else if (!v.front) {
+    v.frame = {v.frame.x, -v.frame.y, -v.frame.z};  // the same surface from its other side
   }
-  const Vec3 local_wo = to_local(frame, wo);
+  v.local_wo = to_local(v.frame, wo);
+  const Vec3 facing = v.front ? s.normal : -s.normal;
+  v.receiver = {s.point, kTransmits<Material> ? Vec3{0, 0, 0} : facing};
+  v.asks = asks_for_light(scene) && !is_delta(material);
+  return Fate::scatters;
+}
 
-  // Direct light
-  const Vec3 facing = front ? s.normal : -s.normal;
-  const Receiver receiver = {s.point, kTransmits<Material> ? Vec3{0, 0, 0} : facing};
-  const bool lit = asks_for_light(scene);
-  if (lit && !is_delta(material)) {
-    path.sum +=
-        path.throughput * direct_light(scene, view, s, record, material, frame, wo, local_wo,
-                                       receiver, path.media, sampler, draw, stats);
+// How much of it the surface scatters towards wo; false for nothing.
+template <class Material>
+PH_INLINE bool weigh(const Material& material, const PathState& path, Vertex& v) {
+  const Vec3 wi = to_local(v.frame, v.light.direction);
+  const Vec3 wo = -path.ray.direction;
+  if (!consistent(v.surface, wo, v.light.direction, v.local_wo, wi)) return false;
+  const BsdfValue f = value_of(material, v.local_wo, wi);
+  if (black(f.value)) return false;
+  const float weight = v.light.delta ? 1.0f : power_heuristic(v.light.pdf, f.pdf);
+  v.value = f.value * v.light.radiance;
+  v.scale = weight / v.light.pdf;
+  v.crosses = kTransmits<Material> && wi.z * v.local_wo.z < 0.0f;
+  return true;
+}
+
+// Adds the light that arrives, through the body that it reaches the surface in.
+PH_INLINE void receive(const SceneView& scene, const RenderView& view, PathState& path,
+                       const Vertex& v, PathStats& stats) {
+  const DirectSample& light = v.light;
+  const Ray ray = ray_from(v.surface, light.direction);
+  const Vec3 through = transmittance(scene, ray, light.distance, light.slot, view.tree, stats);
+  if (black(through)) return;
+  Vec3 sum = v.value * through * v.scale;
+  // A body that a ray leaves the scene from has no far side, for this ray as for the path's own.
+  if (finite(light.distance)) {
+    Media media = path.media;
+    if (v.crosses) cross_boundary(scene, media, *v.record, v.local_wo.z > 0.0f);
+    absorb(scene, media, light.distance, sum);
   }
+  path.sum += path.throughput * sum;
+}
 
-  // Scattering
+// Sends the path on; false where it ends.
+template <class Material>
+PH_INLINE bool scatter(const SceneView& scene, const RenderView& view, const Material& material,
+                       const BsdfDraws& draws, float roulette, PathState& path, const Vertex& v) {
+  const Surface& s = v.surface;
   BsdfSample next = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
-  if (!sample(material, local_wo, sampler, draw, next)) return false;
-  const Vec3 wi = renormalize(to_world(frame, next.wi));
-  if (!consistent(s, wo, wi, local_wo, next.wi)) return false;
+  if (!sample(material, v.local_wo, draws, next)) return false;
+  const Vec3 wi = renormalize(to_world(v.frame, next.wi));
+  if (!consistent(s, -path.ray.direction, wi, v.local_wo, next.wi)) return false;
   path.throughput *= next.weight;
   path.eta_scale *= next.eta * next.eta;
-  path.scatter_pdf = next.delta || !lit ? 0.0f : next.pdf;
+  path.scatter_pdf = next.delta || !asks_for_light(scene) ? 0.0f : next.pdf;
   if (!next.delta) {
     // The cone of directions that are as likely as one sample in sixty-four.
     path.spread = max(path.spread, 0.125f / sqrt(max(next.pdf, 1e-6f)));
   }
   if constexpr (kTransmits<Material>) {
-    if (next.wi.z * local_wo.z < 0.0f) cross_boundary(scene, path.media, record, front);
+    if (next.wi.z * v.local_wo.z < 0.0f) cross_boundary(scene, path.media, *v.record, v.front);
   }
 
   // Russian roulette
   const float survival = min(max_component(path.throughput) * path.eta_scale, 0.95f);
   if (!(survival > 0.0f)) return false;
   if (view.roulette && path.depth >= kRouletteStart && survival < 0.95f) {
-    if (draw1(sampler, draw + kDrawRoulette) >= survival) return false;
+    if (roulette >= survival) return false;
     path.throughput *= 1.0f / survival;
   }
   path.ray = ray_from(s, wi);
-  path.receiver = receiver;
+  path.receiver = v.receiver;
   ++path.depth;
   return true;
 }
@@ -344,29 +382,6 @@ PH_INLINE Vec3 add_emission(const SceneView& scene, const Surface& s, PathState&
   return shine;
 }
 
-// All that happens where a path meets a surface; false where the path ends.
-PH_INLINE bool bounce(const SceneView& scene, const RenderView& view, const Surface& s,
-                      const Sampler& sampler, PathState& path, PathStats& stats,
-                      Features* features) {
-  const bool front = dot(path.ray.direction, s.normal) < 0.0f;
-  const Vec3 shine = add_emission(scene, s, path);
-  const MaterialRecord& m = chosen_material(scene, s, front, path.width, sampler, path.depth);
-  if (features && path.depth == 1) features->emission = shine;
-  if (path.depth >= view.max_depth) return false;
-  if (!front && s.material->back == kNone) return false;
-  ParamBlock textured;
-  const ParamBlock* block = &m.block;
-  if (m.binding_count != 0) {
-    textured = parameters(scene, m, s, path.width);
-    block = &textured;
-  }
-  const Vec3 color = has_color(s.color) ? s.color : block_color(*block);
-  return with_material(*block, color, [&](const auto& material) {
-    if (features && path.depth == 1) features->albedo = albedo_of(material);
-    return scatter(scene, view, s, m, material, sampler, path, stats, features);
-  });
-}
-
 // How open the surroundings of the first surface are.
 inline Vec3 ambient_occlusion(const SceneView& scene, const RenderView& view, const Surface& s,
                               Vec3 wo, const Sampler& sampler, PathStats& stats) {
@@ -399,96 +414,246 @@ PH_INLINE void begin_paths(const SceneView& scene, const RenderView& view, u32 y
   camera_rays(view.camera, scene.bounds, y, b);
 }
 
-// Radiance that one sample of one pixel sees: a pure function of pixel and sample, which begins as
-// the batch has it at place `at`.
+// What is there where the path's ray has met a surface, and what it gives off.
+PH_INLINE Fate meet(const SceneView& scene, const RenderView& view, PathState& path, Vertex& v,
+                    Features* features, PathStats& stats) {
+  const bool first = path.depth == 1;
+  Surface& s = v.surface;
+  s = surface_at(scene, path.ray, path.hit, features && first);
+  path.width += path.spread * path.hit.t;
+  path.travelled += path.hit.t;
+  absorb(scene, path.media, path.hit.t, path.throughput);
+  if (scene.has_holes) {
+    const float solid = opacity(scene, *s.material, s, path.width);
+    const u32 draw = bounce_draw(path.depth) + kDrawOpacity + path.holes * 0x10000u;
+    const bool hole = solid < 1.0f && !(draw1(path.sampler, draw) < solid);
+    if ((hole || s.material->clear) && path.holes < kMaxHoles) {
+      if (!hole) {
+        add_emission(scene, s, path);
+        path.throughput *= tint(scene, *s.material, s, path.width);
+      }
+      path.ray = ray_from(s, path.ray.direction);
+      ++path.holes;
+      return Fate::passes;
+    }
+  }
+  if (features && first) {
+    features->depth = path.travelled;
+    features->position = s.point;
+    features->normal = s.normal;
+    features->shading_normal = s.shading;
+    features->uv = s.uv;
+    features->shape = s.slot.instance == kNone ? static_cast<u32>(s.shape - scene.shapes)
+                                               : scene.instances[s.slot.instance].shape;
+    features->material = static_cast<u32>(s.material - scene.materials);
+  }
+  if (view.integrator == Integrator::ambient_occlusion) {
+    path.sum = ambient_occlusion(scene, view, s, -path.ray.direction, path.sampler, stats);
+    return Fate::ends;
+  }
+  v.front = dot(path.ray.direction, s.normal) < 0.0f;
+  const Vec3 shine = add_emission(scene, s, path);
+  const MaterialRecord& m =
+      chosen_material(scene, s, v.front, path.width, path.sampler, path.depth);
+  if (features && first) features->emission = shine;
+  if (path.depth >= view.max_depth) return Fate::ends;
+  if (!v.front && s.material->back == kNone) return Fate::ends;
+  v.record = &m;
+  v.block = m.binding_count != 0 ? parameters(scene, m, s, path.width) : m.block;
+  if (has_color(s.color)) set_block_color(v.block, s.color);
+  return Fate::scatters;
+}
+
+// What a path's ray sees that meets nothing.
+PH_INLINE void leave_scene(const SceneView& scene, const RenderView& view, PathState& path) {
+  if (path.depth == 1 && view.backdrop.x == view.backdrop.x) {
+    path.sum += path.throughput * view.backdrop;
+  } else if (view.integrator == Integrator::ambient_occlusion) {
+    path.sum = {1, 1, 1};
+  } else {
+    for_each_outside(scene, path.ray.direction, path.scatter_pdf > 0.0f,
+                     [&](Vec3 shine, float density) { add_light(path, shine, density); });
+  }
+}
+
+// The state of a sample's path as it begins, by the batch's place `at`.
 template <u32 kCount>
-inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 y,
-                     const CameraBatch<kCount>& batch, u32 at, PathStats& stats,
-                     Features* features) {
-  const Sampler sampler = make_sampler(view.sampler, batch.x[at], y, batch.sample[at], view.seed);
+PH_INLINE PathState first_state(const RenderView& view, u32 y, const CameraBatch<kCount>& batch,
+                                u32 at) {
   PathState path;
+  path.sampler = make_sampler(view.sampler, batch.x[at], y, batch.sample[at], view.seed);
   path.sum = {0, 0, 0};
   path.throughput = {1, 1, 1};
   path.scatter_pdf = 0.0f;
   path.eta_scale = 1.0f;
   path.depth = 1;
   path.channel = kNone;
+  path.holes = 0;
   path.media = view.media;
-  if (features) *features = {0, {}, {}, {}, {}, {}, {}, {}, kNone, kNone};
-  ++stats.rays;
-  const Sight sight = batch.sight[at];
-  if (sight == Sight::nothing) return {0, 0, 0};
-  const float start = sight == Sight::scene ? batch.start[at] : 0.0f;
+  path.travelled = batch.sight[at] == Sight::scene ? batch.start[at] : 0.0f;
   path.ray.origin = {batch.origin[0][at], batch.origin[1][at], batch.origin[2][at]};
   path.ray.direction = {batch.direction[0][at], batch.direction[1][at], batch.direction[2][at]};
   path.ray.self = kNoSlot;
   path.ray.inward = false;
   path.spread = view.camera.cone.spread;
-  path.width = view.camera.cone.width + path.spread * start;
-  u32 holes = 0;
-  float travelled = 0.0f;  // by all rays so far
-  for (;;) {
-    Hit hit;
-    if (sight == Sight::background || !intersect(scene, path.ray, kInfinity, view.tree, hit)) {
-      if (path.depth == 1 && view.backdrop.x == view.backdrop.x) {
-        path.sum += path.throughput * view.backdrop;
-        break;
-      }
-      if (view.integrator == Integrator::ambient_occlusion) return {1, 1, 1};
-      for_each_outside(scene, path.ray.direction, path.scatter_pdf > 0.0f,
-                       [&](Vec3 shine, float density) { add_light(path, shine, density); });
-      break;
-    }
-    const Surface s = surface_at(scene, path.ray, hit, features && path.depth == 1);
-    path.width += path.spread * hit.t;
-    travelled += hit.t;
-    absorb(scene, path.media, hit.t, path.throughput);
-    if (scene.has_holes) {
-      const float solid = opacity(scene, *s.material, s, path.width);
-      const bool hole =
-          solid < 1.0f &&
-          !(draw1(sampler, bounce_draw(path.depth) + kDrawOpacity + holes * 0x10000u) < solid);
-      if ((hole || s.material->clear) && holes < kMaxHoles) {
-        if (!hole) {
-          add_emission(scene, s, path);
-          path.throughput *= tint(scene, *s.material, s, path.width);
-        }
-        path.ray = ray_from(s, path.ray.direction);
-        ++holes;
-        ++stats.rays;
-        continue;
-      }
-    }
-    if (features && path.depth == 1) {
-      features->depth = start + travelled;
-      features->position = s.point;
-      features->normal = s.normal;
-      features->shading_normal = s.shading;
-      features->uv = s.uv;
-      features->shape = s.slot.instance == kNone ? static_cast<u32>(s.shape - scene.shapes)
-                                                 : scene.instances[s.slot.instance].shape;
-      features->material = static_cast<u32>(s.material - scene.materials);
-    }
-    if (view.integrator == Integrator::ambient_occlusion) {
-      return ambient_occlusion(scene, view, s, -path.ray.direction, sampler, stats);
-    }
-    const bool goes_on = bounce(scene, view, s, sampler, path, stats, features);
-    if (features && path.depth <= 2) features->direct = path.sum - features->emission;
-    if (!goes_on) break;
-    ++stats.rays;
-  }
-  if (features && path.depth <= 2) features->direct = path.sum - features->emission;
-  return path.sum;
+  path.width = view.camera.cone.width + path.spread * path.travelled;
+  return path;
 }
 
-// The same of a sample by itself.
+// All that the first n of `here` may need, by their order there.
+inline void draw_bounces(const PathState* paths, const u32* here, u32 n, bool lit,
+                         BounceDraws& draws) {
+  SamplerBatch<kBatch> s = {};
+  s.kind = paths[here[0]].sampler.kind;
+  for (u32 k = 0; k < n; ++k) {
+    const PathState& path = paths[here[k]];
+    s.key[k] = path.sampler.key;
+    s.reversed_index[k] = path.sampler.reversed_index;
+    s.dimension[k] = bounce_draw(path.depth);
+  }
+  float unused[kBatch];
+  draw2(s, kDrawDirection, draws.direction[0], draws.direction[1]);
+  draw2(s, kDrawLobe, draws.lobe, unused);
+  draw2(s, kDrawLobe2, draws.lobe2, unused);
+  draw2(s, kDrawRoulette, draws.roulette, unused);
+  if (lit) {
+    draw2(s, kDrawLight, draws.choice[0], draws.choice[1]);
+    draw2(s, kDrawLightPoint, draws.point[0], draws.point[1]);
+  }
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Vec3 w = cosine_hemisphere({draws.direction[0][k], draws.direction[1][k]});
+    draws.hemisphere[0][k] = w.x, draws.hemisphere[1][k] = w.y, draws.hemisphere[2][k] = w.z;
+  }
+}
+
+// Light samples for those of the first n of `here` that ask for light.
+inline void ask(const SceneView& scene, Vertex* vertices, const u32* here, u32 n,
+                const BounceDraws& draws) {
+  TriangleLights<kBatch> triangles = {};
+  LightPick picked[kBatch];
+  u32 of[kBatch], count = 0;
+  for (u32 k = 0; k < n; ++k) {
+    Vertex& v = vertices[here[k]];
+    if (!v.asks) continue;
+    const Vec2 choice = {draws.choice[0][k], draws.choice[1][k]};
+    const Vec2 point = {draws.point[0][k], draws.point[1][k]};
+    const LightPick pick = pick_light(scene, v.receiver, choice);
+    const Slot slot = pick.slot;
+    if (pick.record == kNone && slot.leaf != kNone && slot.instance == kNone &&
+        leaf_kind(slot.leaf) == ShapeKind::triangle) {
+      const TriangleBlock& block = scene.triangles[slot.leaf & kLeafIndexMask];
+      triangles.set(count, primitive(block, slot.lane), v.receiver.point, point);
+      picked[count] = pick;
+      of[count++] = here[k];
+    } else {
+      v.light = sample_pick(scene, pick, v.receiver.point, point);
+    }
+  }
+  if (count != 0) triangles.sample();
+  for (u32 i = 0; i < count; ++i) {
+    Vertex& v = vertices[of[i]];
+    const Slot slot = picked[i].slot;
+    const u32 id = scene.triangles[slot.leaf & kLeafIndexMask].id[slot.lane];
+    v.light = emitter_sample(scene, slot, nullptr, triangles.triangle(i), id, v.receiver.point,
+                             triangles.towards(i));
+    v.light.pdf *= picked[i].probability;
+  }
+  for (u32 k = 0; k < n; ++k) {
+    Vertex& v = vertices[here[k]];
+    v.asks = v.asks && v.light.pdf > 0.0f && !black(v.light.radiance);
+  }
+}
+
+// Follows n paths, up to kBatch, whose states are first_state's, to their ends, each step for all
+// of them before the next: what one waits for, another is computed in. sights: of their cameras'
+// rays. features: of each path, or null.
+inline void follow(const SceneView& scene, const RenderView& view, PathState* paths,
+                   const Sight* sights, u32 n, Features* features, PathStats& stats) {
+  Vertex vertices[kBatch];
+  u32 on[kBatch], count = 0;  // the paths that go on
+  // Light that is direct has been found when the second ray ends.
+  const auto note_direct = [&](u32 i) {
+    if (features && paths[i].depth <= 2) features[i].direct = paths[i].sum - features[i].emission;
+  };
+  stats.rays += n;
+  for (u32 i = 0; i < n; ++i) {
+    if (features) features[i] = {0, {}, {}, {}, {}, {}, {}, {}, kNone, kNone};
+    if (sights[i] == Sight::scene) {
+      on[count++] = i;
+    } else if (sights[i] == Sight::background) {
+      leave_scene(scene, view, paths[i]);
+      note_direct(i);
+    }
+  }
+  while (count != 0) {
+    for (u32 k = 0; k < count; ++k) {
+      PathState& path = paths[on[k]];
+      intersect(scene, path.ray, kInfinity, view.tree, path.hit);
+    }
+    u32 straight[kBatch], passing = 0, here[kBatch], met = 0;
+    for (u32 k = 0; k < count; ++k) {
+      const u32 i = on[k];
+      PathState& path = paths[i];
+      Features* const own = features ? &features[i] : nullptr;
+      if (path.hit.slot.leaf == kNone) {
+        leave_scene(scene, view, path);
+      } else {
+        const Fate fate = meet(scene, view, path, vertices[i], own, stats);
+        if (fate == Fate::passes) straight[passing++] = i;
+        if (fate == Fate::scatters) here[met++] = i;
+      }
+      note_direct(i);
+    }
+    u32 scattering = 0;
+    for (u32 k = 0; k < met; ++k) {
+      const u32 i = here[k];
+      Vertex& v = vertices[i];
+      Features* const own = features ? &features[i] : nullptr;
+      const Fate fate = with_material(v.block, [&](const auto& material) {
+        if (own && paths[i].depth == 1) own->albedo = albedo_of(material);
+        return approach(scene, material, paths[i], v, own);
+      });
+      if (fate == Fate::passes) straight[passing++] = i;
+      if (fate == Fate::scatters) here[scattering++] = i;
+    }
+    BounceDraws draws;
+    if (scattering != 0) draw_bounces(paths, here, scattering, asks_for_light(scene), draws);
+    if (asks_for_light(scene)) ask(scene, vertices, here, scattering, draws);
+    for (u32 k = 0; k < scattering; ++k) {
+      Vertex& v = vertices[here[k]];
+      if (!v.asks) continue;
+      v.asks = with_material(
+          v.block, [&](const auto& material) { return weigh(material, paths[here[k]], v); });
+    }
+    for (u32 k = 0; k < scattering; ++k) {
+      const u32 i = here[k];
+      if (vertices[i].asks) receive(scene, view, paths[i], vertices[i], stats);
+      if (paths[i].depth == 1) note_direct(i);
+    }
+    count = 0;
+    for (u32 k = 0; k < scattering; ++k) {
+      const u32 i = here[k];
+      const bool goes_on = with_material(vertices[i].block, [&](const auto& material) {
+        return scatter(scene, view, material, draws.bsdf(k), draws.roulette[k], paths[i],
+                       vertices[i]);
+      });
+      if (goes_on) on[count++] = i;
+    }
+    for (u32 k = 0; k < passing; ++k) on[count++] = straight[k];
+    stats.rays += count;
+  }
+}
+
+// Radiance that one sample of one pixel sees: a pure function of pixel and sample.
 inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample,
-                     PathStats& stats, Features* features) {
+                     PathStats& stats) {
   CameraBatch<1> batch = {};
   batch.x[0] = x;
   batch.sample[0] = sample;
   begin_paths(scene, view, y, batch);
-  return radiance(scene, view, y, batch, 0, stats, features);
+  PathState path = first_state(view, y, batch, 0);
+  follow(scene, view, &path, batch.sight, 1, nullptr, stats);
+  return path.sum;
 }
 
 }  // namespace parhelion::PH_ISA

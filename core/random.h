@@ -90,26 +90,57 @@ PH_INLINE Sampler make_sampler(SamplerKind kind, u32 x, u32 y, u32 sample, u64 s
   return {kind, reverse_bits(sample), pixel};
 }
 
-// Two numbers in [0, 1) for one dimension of the sample.
-PH_INLINE Vec2 draw2(const Sampler& s, u32 dimension) {
-  const u64 hash = mix(s.key + (dimension + 1) * 0x9e3779b97f4a7c15ull);
+PH_INLINE u64 dimension_hash(u64 key, u32 dimension) {
+  return mix(key + (dimension + 1) * 0x9e3779b97f4a7c15ull);
+}
+
+PH_INLINE Vec2 independent_pair(u64 hash) {
+  return {to_unit(static_cast<u32>(hash)), to_unit(static_cast<u32>(hash >> 32))};
+}
+// Every dimension takes the same (0,2)-sequence in another nested order, which keeps its
+// stratification over each power of two of samples and makes dimensions independent.
+PH_INLINE Vec2 sobol_pair(u32 reversed_index, u64 hash) {
   const u32 low = static_cast<u32>(hash), high = static_cast<u32>(hash >> 32);
-  if (s.kind == SamplerKind::independent) return {to_unit(low), to_unit(high)};
-  // Every dimension takes the same (0,2)-sequence in another nested order, which keeps its
-  // stratification over each power of two of samples and makes dimensions independent.
-  const u32 index = reverse_bits(nested_permutation(s.reversed_index, low));
+  const u32 index = reverse_bits(nested_permutation(reversed_index, low));
   const u32 x = nested_permutation(index, high);
   const u32 y = nested_permutation(sobol_second_reversed(index), high * 0x2c9277b5u + 0x5bd1e995u);
   return {to_unit(reverse_bits(x)), to_unit(reverse_bits(y))};
 }
 
+// Two numbers in [0, 1) for one dimension of the sample.
+PH_INLINE Vec2 draw2(const Sampler& s, u32 dimension) {
+  const u64 hash = dimension_hash(s.key, dimension);
+  return s.kind == SamplerKind::independent ? independent_pair(hash)
+                                            : sobol_pair(s.reversed_index, hash);
+}
+
 // One number in [0, 1).
-PH_INLINE float draw1(const Sampler& s, u32 dimension) {
-  const u64 hash = mix(s.key + (dimension + 1) * 0x9e3779b97f4a7c15ull);
-  const u32 low = static_cast<u32>(hash), high = static_cast<u32>(hash >> 32);
-  if (s.kind == SamplerKind::independent) return to_unit(low);
-  const u32 index = reverse_bits(nested_permutation(s.reversed_index, low));
-  return to_unit(reverse_bits(nested_permutation(index, high)));
+PH_INLINE float draw1(const Sampler& s, u32 dimension) { return draw2(s, dimension).x; }
+
+// The samplers of a batch, all of one kind, each with the dimension that its next numbers begin at.
+template <u32 kCount>
+struct SamplerBatch {
+  SamplerKind kind;
+  u64 key[kCount];
+  u32 reversed_index[kCount], dimension[kCount];
+};
+
+// draw2 for all of a batch, in a loop that compilers turn into vectors.
+template <u32 kCount>
+PH_INLINE void draw2(const SamplerBatch<kCount>& s, u32 dimension, float (&x)[kCount],
+                     float (&y)[kCount]) {
+  if (s.kind == SamplerKind::independent) {
+    for (u32 i = 0; i < kCount; ++i) {
+      const Vec2 u = independent_pair(dimension_hash(s.key[i], s.dimension[i] + dimension));
+      x[i] = u.x, y[i] = u.y;
+    }
+  } else {
+    for (u32 i = 0; i < kCount; ++i) {
+      const u64 hash = dimension_hash(s.key[i], s.dimension[i] + dimension);
+      const Vec2 u = sobol_pair(s.reversed_index[i], hash);
+      x[i] = u.x, y[i] = u.y;
+    }
+  }
 }
 
 }  // namespace parhelion::PH_ISA

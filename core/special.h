@@ -114,9 +114,7 @@ PH_INLINE float pow(float x, float y) {
 PH_INLINE float atan2(float y, float x) {
   const float a = abs(x), b = abs(y);
   const float high = max(a, b), low = min(a, b);
-  if (high == 0.0f) return copysign(x < 0.0f ? kPi : 0.0f, y);
-  if (x != x || y != y) return kNan;
-  const float t = low == kInfinity ? 1.0f : low / high, q = t * t;
+  const float t = low == kInfinity ? 1.0f : low / (high == 0.0f ? 1.0f : high), q = t * t;
   const float p =
       -0.3333316743f +
       q * (0.1999413669f +
@@ -124,10 +122,10 @@ PH_INLINE float atan2(float y, float x) {
                 q * (0.1067892909f +
                      q * (-7.580552995e-2f +
                           q * (4.355324060e-2f + q * (-1.658099703e-2f + q * 2.974543255e-3f))))));
-  float angle = t + t * q * p;
-  if (b > a) angle = 0.5f * kPi - angle;
-  if (x < 0.0f) angle = kPi - angle;
-  return copysign(angle, y);
+  const float acute = t + t * q * p;
+  const float upper = b > a ? 0.5f * kPi - acute : acute;
+  const float angle = copysign(x < 0.0f ? kPi - upper : upper, y);
+  return (x != x) | (y != y) ? kNan : angle;
 }
 
 // asin of x in [0, 1/2].

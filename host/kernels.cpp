@@ -48,14 +48,17 @@ void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u
       batch.x[i] = batch.x[n - 1], batch.sample[i] = batch.sample[n - 1];
     }
     begin_paths(scene, view, y, batch);
+    PathState paths[kBatch];
+    Features seen[kBatch];
+    for (u32 i = 0; i < n; ++i) paths[i] = first_state(view, y, batch, i);
+    follow(scene, view, paths, batch.sight, n, features ? seen : nullptr, stats);
     u32 at[kBatch];
     float rgb[3][kBatch] = {};
     for (u32 i = 0; i < n; ++i) {
       at[i] = batch.x[i] - x0;
-      Features f;
-      const Vec3 light = radiance(scene, view, y, batch, i, stats, features ? &f : nullptr);
+      const Vec3 light = paths[i].sum;
       rgb[0][i] = light.x, rgb[1][i] = light.y, rgb[2][i] = light.z;
-      if (features) record(features[at[i]], f, batch.sample[i]);
+      if (features) record(features[at[i]], seen[i], batch.sample[i]);
     }
     add(row, at, rgb, n);
   }
@@ -67,7 +70,7 @@ void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u
 
 Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample) {
   PathStats stats = {0};
-  return radiance(scene, view, x, y, sample, stats, nullptr);
+  return radiance(scene, view, x, y, sample, stats);
 }
 
 void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
@@ -120,12 +123,16 @@ void warp_pdf(WarpKind kind, float parameter, const Vec3* w, u64 n, float* out) 
 
 void bsdf_sample(const ParamBlock& block, Vec3 wo, SamplerKind kind, u64 seed, u64 n,
                  BsdfProbe* out) {
-  with_material(block, block_color(block), [&](const auto& m) {
+  with_material(block, [&](const auto& m) {
     for (u64 i = 0; i < n; ++i) {
       const u32 index = static_cast<u32>(i);
       const Sampler sampler = make_sampler(kind, 0, 0, index, seed);
       BsdfSample s = {{0, 0, 0}, {0, 0, 0}, 0.0f, 1.0f, false};
-      const bool scattered = sample(m, wo, sampler, kDrawFirstBounce, s);
+      const Vec2 direction = draw2(sampler, bounce_draw(1) + kDrawDirection);
+      const BsdfDraws u = {direction, cosine_hemisphere(direction),
+                           draw1(sampler, bounce_draw(1) + kDrawLobe),
+                           draw1(sampler, bounce_draw(1) + kDrawLobe2)};
+      const bool scattered = sample(m, wo, u, s);
       if (!scattered) s.weight = {0, 0, 0};
       // As the path tracer sees it, without the change of radiance in glass.
       out[i] = {s.wi, s.weight * (s.eta * s.eta), s.pdf, s.delta};
@@ -135,7 +142,7 @@ void bsdf_sample(const ParamBlock& block, Vec3 wo, SamplerKind kind, u64 seed, u
 
 void bsdf_eval(const ParamBlock& block, Vec3 wo, const Vec3* wi, u64 n, Vec3* value,
                float* density) {
-  with_material(block, block_color(block), [&](const auto& m) {
+  with_material(block, [&](const auto& m) {
     for (u64 i = 0; i < n; ++i) {
       value[i] = eval(m, wo, wi[i]);
       density[i] = pdf(m, wo, wi[i]);

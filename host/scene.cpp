@@ -446,7 +446,7 @@ bool Scene::shines(const MaterialRecord& m) const {
 
 // Whether light that goes through the material's surface is then inside of a body.
 static bool has_inside(const MaterialRecord& m) {
-  return baseline::with_material(m.block, {0, 0, 0}, [](const auto& material) {
+  return baseline::with_material(m.block, [](const auto& material) {
     using Material = std::decay_t<decltype(material)>;
     return requires { Material::transmits; } && !requires { Material::thin; };
   });

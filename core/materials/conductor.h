@@ -64,7 +64,7 @@ inline float pdf(const Conductor& m, Vec3 wo, Vec3 wi) {
   return reflection(d, wo, wi, false).pdf;
 }
 
-inline bool sample(const Conductor& m, Vec3 wo, const Sampler& sampler, u32 draw, BsdfSample& out) {
+inline bool sample(const Conductor& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   const Microfacets d = microfacets(m);
   if (smooth(d)) {
     out.wi = {-wo.x, -wo.y, wo.z};
@@ -73,7 +73,7 @@ inline bool sample(const Conductor& m, Vec3 wo, const Sampler& sampler, u32 draw
     return true;
   }
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  out.wi = mirrored(above, sample_visible_normal(d, above, draw2(sampler, draw + kDrawDirection)));
+  out.wi = mirrored(above, sample_visible_normal(d, above, u.direction));
   if (!(out.wi.z > 0.0f)) return false;
   const ConductorValue f = evaluate(m, d, above, out.wi);
   out.pdf = f.pdf;

@@ -100,19 +100,16 @@ inline float pdf(const Dielectric& m, Vec3 wo, Vec3 wi) {
   return lobe(m, d, side > 0.0f ? m.ior : 1.0f / m.ior, wo, wi).pdf;
 }
 
-inline bool sample(const Dielectric& m, Vec3 wo, const Sampler& sampler, u32 draw,
-                   BsdfSample& out) {
+inline bool sample(const Dielectric& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   const Microfacets d = microfacets(m);
   const float side = copysign(1.0f, wo.z);
   const float eta = side > 0.0f ? m.ior : 1.0f / m.ior;  // far side over near side
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
   const bool delta = smooth(m, d);
-  const Vec3 normal = delta
-                          ? Vec3{0, 0, 1}
-                          : sample_visible_normal(d, above, draw2(sampler, draw + kDrawDirection));
+  const Vec3 normal = delta ? Vec3{0, 0, 1} : sample_visible_normal(d, above, u.direction);
   const float facing = dot(above, normal);
   const Fresnel f = fresnel_dielectric(clamp(facing, 0.0f, 1.0f), eta);
-  const bool reflects = draw1(sampler, draw + kDrawLobe) < f.reflected;
+  const bool reflects = u.lobe < f.reflected;
   const float scale = 1.0f / eta;
   if (delta) {
     out.delta = true;

@@ -62,9 +62,8 @@ PH_INLINE Vec3 eval(const Diffuse& m, Vec3 wo, Vec3 wi) {
   return rough_reflectance(m, wo, wi) * pdf(m, wo, wi);
 }
 
-PH_INLINE bool sample(const Diffuse& m, Vec3 wo, const Sampler& sampler, u32 draw,
-                      BsdfSample& out) {
-  out.wi = cosine_hemisphere(draw2(sampler, draw + kDrawDirection));
+PH_INLINE bool sample(const Diffuse& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+  out.wi = u.hemisphere;
   out.pdf = cosine_hemisphere_pdf(out.wi);
   out.wi.z = copysign(out.wi.z, wo.z);
   out.weight = rough_reflectance(m, wo, out.wi);

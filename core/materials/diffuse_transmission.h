@@ -50,12 +50,11 @@ PH_INLINE Vec3 eval(const DiffuseTransmission& m, Vec3 wo, Vec3 wi) {
   return share * cosine_hemisphere_pdf({wi.x, wi.y, abs(wi.z)});
 }
 
-PH_INLINE bool sample(const DiffuseTransmission& m, Vec3 wo, const Sampler& sampler, u32 draw,
-                      BsdfSample& out) {
+PH_INLINE bool sample(const DiffuseTransmission& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   const float back = reflected_chance(m);
-  const bool reflects = draw1(sampler, draw + kDrawLobe) < back;
+  const bool reflects = u.lobe < back;
   const float chance = reflects ? back : 1.0f - back;
-  out.wi = cosine_hemisphere(draw2(sampler, draw + kDrawDirection));
+  out.wi = u.hemisphere;
   out.pdf = chance * cosine_hemisphere_pdf(out.wi);
   out.wi.z = copysign(out.wi.z, reflects ? wo.z : -wo.z);
   out.weight = (reflects ? m.color : through(m)) * (1.0f / chance);

@@ -17,6 +17,6 @@ PH_INLINE Vec3 emitted(const Emissive& m) { return m.radiance; }
 PH_INLINE bool is_delta(const Emissive&) { return true; }
 PH_INLINE float pdf(const Emissive&, Vec3, Vec3) { return 0.0f; }
 PH_INLINE Vec3 eval(const Emissive&, Vec3, Vec3) { return {0, 0, 0}; }
-PH_INLINE bool sample(const Emissive&, Vec3, const Sampler&, u32, BsdfSample&) { return false; }
+PH_INLINE bool sample(const Emissive&, Vec3, const BsdfDraws&, BsdfSample&) { return false; }
 
 }  // namespace parhelion::PH_ISA

@@ -36,7 +36,7 @@ PH_INLINE float pdf(const Metal& m, Vec3 wo, Vec3 wi) {
 
 PH_INLINE Vec3 eval(const Metal& m, Vec3 wo, Vec3 wi) { return m.color * pdf(m, wo, wi); }
 
-PH_INLINE bool sample(const Metal& m, Vec3 wo, const Sampler& sampler, u32 draw, BsdfSample& out) {
+PH_INLINE bool sample(const Metal& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   const Vec3 mirrored = {-wo.x, -wo.y, wo.z};
   out.weight = m.color;
   if (is_delta(m)) {
@@ -44,8 +44,7 @@ PH_INLINE bool sample(const Metal& m, Vec3 wo, const Sampler& sampler, u32 draw,
     out.delta = true;
     return true;
   }
-  const Vec2 u = draw2(sampler, draw + kDrawDirection);
-  out.wi = to_world(frame_around(mirrored), fuzzy_lobe(u, lobe_radius(m)));
+  out.wi = to_world(frame_around(mirrored), fuzzy_lobe(u.direction, lobe_radius(m)));
   out.wi.z = copysign(out.wi.z, wo.z);
   out.pdf = pdf(m, wo, out.wi);
   // Rounding may move a direction over the lobe's limb, where the density has its pole.

@@ -18,7 +18,7 @@ PH_INLINE bool is_delta(const Null&) { return true; }
 PH_INLINE float pdf(const Null&, Vec3, Vec3) { return 0.0f; }
 PH_INLINE Vec3 eval(const Null&, Vec3, Vec3) { return {0, 0, 0}; }
 
-PH_INLINE bool sample(const Null& m, Vec3 wo, const Sampler&, u32, BsdfSample& out) {
+PH_INLINE bool sample(const Null& m, Vec3 wo, const BsdfDraws&, BsdfSample& out) {
   out.wi = -wo;
   out.weight = m.color;
   out.delta = true;

@@ -88,22 +88,21 @@ inline PlasticValue evaluate(const Plastic& m, Vec3 wo, Vec3 wi) {
 inline Vec3 eval(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
 inline float pdf(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
-inline bool sample(const Plastic& m, Vec3 wo, const Sampler& sampler, u32 draw, BsdfSample& out) {
+inline bool sample(const Plastic& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   const Coat c = coat(m);
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
   const Bounces of = coat_albedo(c, above);
   const float chance = coat_chance(m, of);
-  const Vec2 u = draw2(sampler, draw + kDrawDirection);
-  if (draw1(sampler, draw + kDrawLobe) < chance) {
+  if (u.lobe < chance) {
     if (c.smooth) {
       out.wi = {-wo.x, -wo.y, wo.z};
       out.weight = m.specular * (of.reflected / chance);
       out.delta = true;
       return true;
     }
-    out.wi = mirrored(above, sample_visible_normal(c.facets, above, u));
+    out.wi = mirrored(above, sample_visible_normal(c.facets, above, u.direction));
   } else {
-    out.wi = cosine_hemisphere(u);
+    out.wi = u.hemisphere;
   }
   if (!(out.wi.z > 0.0f)) return false;
   const PlasticValue v = evaluate(m, c, above, out.wi);

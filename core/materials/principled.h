@@ -277,29 +277,31 @@ inline PrincipledValue evaluate(const Principled& m, Vec3 wo, Vec3 wi) {
 inline Vec3 eval(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
 inline float pdf(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
-inline bool sample(const Principled& m, Vec3 wo, const Sampler& sampler, u32 draw,
-                   BsdfSample& out) {
+inline bool sample(const Principled& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   const Layers l = layers(m, wo);
-  const Vec2 u = draw2(sampler, draw + kDrawDirection);
-  float left = draw1(sampler, draw + kDrawLobe);
+  float left = u.lobe;
   u32 lobe = 0;
   while (lobe + 1 < kLobes && left >= l.chance[lobe]) left -= l.chance[lobe++];
   Vec3 wi;
   switch (lobe) {
-    case kMirrorLobe: wi = mirrored(l.wo, sample_visible_normal(l.facets, l.wo, u)); break;
-    case kCoatLobe: wi = mirrored(l.wo, sample_visible_normal(l.coat.facets, l.wo, u)); break;
+    case kMirrorLobe:
+      wi = mirrored(l.wo, sample_visible_normal(l.facets, l.wo, u.direction));
+      break;
+    case kCoatLobe:
+      wi = mirrored(l.wo, sample_visible_normal(l.coat.facets, l.wo, u.direction));
+      break;
     case kGlassLobe: {
-      const Vec3 n = sample_visible_normal(l.facets, l.wo, u);
+      const Vec3 n = sample_visible_normal(l.facets, l.wo, u.direction);
       const float facing = clamp(dot(l.wo, n), 0.0f, 1.0f);
       const Fresnel f = fresnel_dielectric(facing, l.eta);
-      const bool reflects = draw1(sampler, draw + kDrawLobe2) < f.reflected;
+      const bool reflects = u.lobe2 < f.reflected;
       wi = reflects ? mirrored(l.wo, n)
                     : normalize(n * (facing / l.eta - f.cos_t) - l.wo * (1.0f / l.eta));
       if ((wi.z > 0.0f) != reflects) return false;
       if (!reflects) out.eta = l.eta;
       break;
     }
-    default: wi = cosine_hemisphere(u);
+    default: wi = u.hemisphere;
   }
   if (lobe != kGlassLobe && !(wi.z > 0.0f)) return false;
   const PrincipledValue v = evaluate(m, l, wi);

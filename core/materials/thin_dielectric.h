@@ -72,16 +72,13 @@ inline ThinDielectricValue evaluate(const ThinDielectric& m, Vec3 wo, Vec3 wi) {
 inline Vec3 eval(const ThinDielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
 inline float pdf(const ThinDielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
-inline bool sample(const ThinDielectric& m, Vec3 wo, const Sampler& sampler, u32 draw,
-                   BsdfSample& out) {
+inline bool sample(const ThinDielectric& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   const Microfacets d = microfacets(m);
   const bool delta = smooth(d);
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  const Vec3 normal = delta
-                          ? Vec3{0, 0, 1}
-                          : sample_visible_normal(d, above, draw2(sampler, draw + kDrawDirection));
+  const Vec3 normal = delta ? Vec3{0, 0, 1} : sample_visible_normal(d, above, u.direction);
   const float facing = clamp(dot(above, normal), 0.0f, 1.0f);
-  const bool mirrors = draw1(sampler, draw + kDrawLobe) < mirrored_share(m, facing);
+  const bool mirrors = u.lobe < mirrored_share(m, facing);
   if (delta) {
     out.delta = true;
     out.wi = mirrors ? Vec3{-wo.x, -wo.y, wo.z} : -wo;

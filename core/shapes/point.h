@@ -125,7 +125,13 @@ PH_INLINE TowardsSample towards(DVec3 way, Vec3 normal, Vec2 parameter) {
 
 // None, where a point has no direction or its density no bound.
 PH_INLINE TowardsSample checked(const TowardsSample& s) {
-  return finite(s.direction) && finite(s.distance) && finite(s.pdf) ? s : kNowhere;
+  const bool good = finite(s.direction) & finite(s.distance) & finite(s.pdf);
+  TowardsSample out = s;
+  out.direction = {good ? s.direction.x : 0.0f, good ? s.direction.y : 0.0f,
+                   good ? s.direction.z : 1.0f};
+  out.distance = good ? s.distance : 0.0f;
+  out.pdf = good ? s.pdf : 0.0f;
+  return out;
 }
 
 }  // namespace parhelion::PH_ISA
