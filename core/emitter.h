@@ -99,7 +99,9 @@ struct LightPick {
   float probability;
 };
 
-PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, Vec2 choice) {
+// root: what the light tree's first lights or clusters weigh at this point, if that is known.
+PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, Vec2 choice,
+                               const float (*root)[16] = nullptr) {
   const float outside = outside_share(scene);
   if (choice.y < outside) {
     const u32 count = scene.smooth_first - scene.outside_first;
@@ -109,7 +111,7 @@ PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, Vec
   }
   // Of the 48 bits that the tree takes, the lower ones have already been used.
   const Vec2 rest = {choice.x, (choice.y - outside) / (1.0f - outside)};
-  const LightChoice c = choose_light(scene.light_tree, from.point, from.normal, rest);
+  const LightChoice c = choose_light(scene.light_tree, from.point, from.normal, rest, root);
   if (c.light == kNone) return {kNone, kNoSlot, 0.0f};
   const float probability = c.probability * (1.0f - outside);
   if (c.light < scene.emitter_count) return {kNone, scene.emitters[c.light], probability};

@@ -69,48 +69,120 @@ PH_INLINE LaneAngle angle_of(const Lanes& cosine) {
   return {cosine, sqrt(max(all(1.0f) - cosine * cosine, all(0.0f)))};
 }
 
-// What each child of a node may send to a point. With a normal, only from its side of the surface;
-// with none (0, 0, 0), as in a medium or where light passes through, from anywhere. Returns the
-// sum.
-PH_INLINE float light_weights(const LightNode& node, Vec3 from, Vec3 normal, float (&weight)[16]) {
-  const Lanes zero = all(0.0f), slack = all(kConeSlack);
-  const Lanes dx = load(node.x) - all(from.x);
-  const Lanes dy = load(node.y) - all(from.y);
-  const Lanes dz = load(node.z) - all(from.z);
-  const Lanes distance2 = max(dx * dx + dy * dy + dz * dz, all(kNearest2));
-  const Lanes inverse = all(1.0f) / sqrt(distance2);
-  const Lanes radius = load(node.radius);
-  const Lanes radius2 = radius * radius;
+// Sixteen pairs of a cluster and a point that is lit.
+struct LightPairs {
+  Lanes dx, dy, dz;  // from the point to the cluster's centre
+  Lanes radius, axis_x, axis_y, axis_z, cos_o, cos_e, power;
+};
 
-  // Half the angle that the cluster takes in the point's view; from within, every direction.
+// What the cluster may send to the point, before the surface there is asked; `inverse` is that of
+// the distance, and `half` half the angle that the cluster takes in the point's view.
+PH_INLINE Lanes light_leaving(const LightPairs& p, Lanes& inverse, LaneAngle& half) {
+  const Lanes zero = all(0.0f), slack = all(kConeSlack);
+  const Lanes distance2 = max(p.dx * p.dx + p.dy * p.dy + p.dz * p.dz, all(kNearest2));
+  inverse = all(1.0f) / sqrt(distance2);
+  const Lanes radius2 = p.radius * p.radius;
+
+  // From within, every direction.
   const LaneMask outside = radius2 < distance2;
-  const Lanes sine_b = select(outside, radius * inverse, zero);
-  const LaneAngle b = {select(outside, sqrt(max(all(1.0f) - sine_b * sine_b, zero)), all(-1.0f)),
-                       sine_b};
+  const Lanes sine = select(outside, p.radius * inverse, zero);
+  half = {select(outside, sqrt(max(all(1.0f) - sine * sine, zero)), all(-1.0f)), sine};
 
   // The least angle at which any of the cluster's lights is seen from its front.
-  const Lanes toward =
-      (zero - (load(node.axis_x) * dx + load(node.axis_y) * dy + load(node.axis_z) * dz)) * inverse;
+  const Lanes toward = (zero - (p.axis_x * p.dx + p.axis_y * p.dy + p.axis_z * p.dz)) * inverse;
   const LaneAngle w = angle_of(max(all(-1.0f), min(toward, all(1.0f))));
-  const Lanes leaving = shrink(shrink(w, angle_of(load(node.cos_o))), b).c;
-  Lanes value = load(node.power) * max(leaving, slack) / max(distance2, radius2);
-  value = select(load(node.cos_e) - slack <= leaving, value, zero);
-  if (!black(normal)) {
-    const Lanes facing = (all(normal.x) * dx + all(normal.y) * dy + all(normal.z) * dz) * inverse;
-    const LaneAngle i = angle_of(max(all(-1.0f), min(facing, all(1.0f))));
-    const Lanes arriving = shrink(i, b).c;
-    value = select(zero - slack <= arriving, value * max(arriving, slack), zero);
-  }
-  store(weight, value);
+  const Lanes leaving = shrink(shrink(w, angle_of(p.cos_o)), half).c;
+  const Lanes value = p.power * max(leaving, slack) / max(distance2, radius2);
+  return select(p.cos_e - slack <= leaving, value, zero);
+}
+
+// That from the side of a surface that its normal points to.
+PH_INLINE Lanes light_arriving(const LightPairs& p, const Lanes& value, const Lanes& inverse,
+                               const LaneAngle& half, const Lanes& nx, const Lanes& ny,
+                               const Lanes& nz) {
+  const Lanes zero = all(0.0f), slack = all(kConeSlack);
+  const Lanes facing = (nx * p.dx + ny * p.dy + nz * p.dz) * inverse;
+  const LaneAngle i = angle_of(max(all(-1.0f), min(facing, all(1.0f))));
+  const Lanes arriving = shrink(i, half).c;
+  return select(zero - slack <= arriving, value * max(arriving, slack), zero);
+}
+
+PH_INLINE float sum_of(const float (&weight)[16]) {
   float sum = 0.0f;
   for (int k = 0; k < 16; ++k) sum = sum + weight[k];
   return sum;
 }
 
+// What each child of a node may send to a point. With a normal, only from its side of the surface;
+// with none (0, 0, 0), as in a medium or where light passes through, from anywhere. Returns the
+// sum.
+PH_INLINE float light_weights(const LightNode& node, Vec3 from, Vec3 normal, float (&weight)[16]) {
+  const LightPairs p = {load(node.x) - all(from.x), load(node.y) - all(from.y),
+                        load(node.z) - all(from.z), load(node.radius),
+                        load(node.axis_x),          load(node.axis_y),
+                        load(node.axis_z),          load(node.cos_o),
+                        load(node.cos_e),           load(node.power)};
+  Lanes inverse;
+  LaneAngle half;
+  Lanes value = light_leaving(p, inverse, half);
+  if (!black(normal)) {
+    value = light_arriving(p, value, inverse, half, all(normal.x), all(normal.y), all(normal.z));
+  }
+  store(weight, value);
+  return sum_of(weight);
+}
+
+// Sixteen points that are lit, with their surfaces' normals or 0.
+struct LitPoints {
+  float x[16], y[16], z[16], normal_x[16], normal_y[16], normal_z[16];
+};
+
+// The same for sixteen points at once, weight[i] being those at point i.
+inline void light_weights(const LightNode& node, const LitPoints& at, float (&weight)[16][16]) {
+  const Lanes nx = load(at.normal_x), ny = load(at.normal_y), nz = load(at.normal_z);
+  const Lanes zero = all(0.0f);
+  const LaneMask sided = zero < nx * nx + ny * ny + nz * nz;
+  for (u32 k = 0; k < 16; ++k) {
+    float column[16] = {};
+    if (node.power[k] > 0.0f) {
+      const LightPairs p = {all(node.x[k]) - load(at.x), all(node.y[k]) - load(at.y),
+                            all(node.z[k]) - load(at.z), all(node.radius[k]),
+                            all(node.axis_x[k]),         all(node.axis_y[k]),
+                            all(node.axis_z[k]),         all(node.cos_o[k]),
+                            all(node.cos_e[k]),          all(node.power[k])};
+      Lanes inverse;
+      LaneAngle half;
+      const Lanes value = light_leaving(p, inverse, half);
+      store(column, select(sided, light_arriving(p, value, inverse, half, nx, ny, nz), value));
+    }
+    for (u32 i = 0; i < 16; ++i) weight[i][k] = column[i];
+  }
+}
+
+// Chooses a child by weights whose sum is not 0; `rest` is a uniform number and becomes a new one.
+PH_INLINE u32 choose_lane(const float (&weight)[16], float sum, double& rest) {
+  // The last lane that has a weight takes what rounding leaves over.
+  const double target = rest * static_cast<double>(sum);
+  double before = 0.0, at = 0.0;
+  u32 lane = 0;
+  for (u32 k = 0; k < 16; ++k) {
+    if (weight[k] == 0.0f) continue;
+    lane = k;
+    at = before;
+    before += static_cast<double>(weight[k]);
+    if (target < before) break;
+  }
+  rest = (target - at) / static_cast<double>(weight[lane]);
+  rest = rest < 1.0 ? rest : 1.0 - 0x1p-53;
+  return lane;
+}
+
 // Chooses a light. The two numbers are the upper and the lower half of one of 48 bits: among a
 // million lights a choice uses 20 bits, and what is left of 24 could no longer tell neighbours'
-// probabilities apart, let alone be used again.
-inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 normal, Vec2 u) {
+// probabilities apart, let alone be used again. root: the weights of the root's children at this
+// point, if they are known.
+inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 normal, Vec2 u,
+                                const float (*root)[16] = nullptr) {
   const LightChoice nothing = {kNone, 0.0f, 0.0f};
   if (tree.light_count == 0) return nothing;
   double rest = static_cast<double>(u.x) + static_cast<double>(u.y) * 0x1p-24;
@@ -119,22 +191,12 @@ inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 norma
   u32 index = 0;
   for (;;) {
     const LightNode& node = tree.nodes[index];
-    float weight[16];
-    const float sum = light_weights(node, from, normal, weight);
+    float own[16];
+    const bool known = root && index == 0;
+    const float sum = known ? sum_of(*root) : light_weights(node, from, normal, own);
     if (!(sum > 0.0f)) return nothing;
-    // The last lane that has a weight takes what rounding leaves over.
-    const double target = rest * static_cast<double>(sum);
-    double before = 0.0, at = 0.0;
-    u32 lane = 0;
-    for (u32 k = 0; k < 16; ++k) {
-      if (weight[k] == 0.0f) continue;
-      lane = k;
-      at = before;
-      before += static_cast<double>(weight[k]);
-      if (target < before) break;
-    }
-    rest = (target - at) / static_cast<double>(weight[lane]);
-    rest = rest < 1.0 ? rest : 1.0 - 0x1p-53;
+    const float (&weight)[16] = known ? *root : own;
+    const u32 lane = choose_lane(weight, sum, rest);
     share[depth++] = weight[lane] / sum;
     const u32 child = node.child[lane];
     if (child & kLightBit) {

@@ -529,6 +529,19 @@ inline void draw_bounces(const PathState* paths, const u32* here, u32 n, bool li
 // Light samples for those of the first n of `here` that ask for light.
 inline void ask(const SceneView& scene, Vertex* vertices, const u32* here, u32 n,
                 const BounceDraws& draws) {
+  // A node of few lights is weighed for all paths at once.
+  const LightTreeView& tree = scene.light_tree;
+  const bool few = tree.light_count != 0 && tree.light_count <= 8;
+  float weight[kBatch][16];
+  if (few) {
+    LitPoints at = {};
+    for (u32 k = 0; k < n; ++k) {
+      const Receiver& r = vertices[here[k]].receiver;
+      at.x[k] = r.point.x, at.y[k] = r.point.y, at.z[k] = r.point.z;
+      at.normal_x[k] = r.normal.x, at.normal_y[k] = r.normal.y, at.normal_z[k] = r.normal.z;
+    }
+    light_weights(tree.nodes[0], at, weight);
+  }
   TriangleLights<kBatch> triangles = {};
   LightPick picked[kBatch];
   u32 of[kBatch], count = 0;
@@ -537,7 +550,7 @@ inline void ask(const SceneView& scene, Vertex* vertices, const u32* here, u32 n
     if (!v.asks) continue;
     const Vec2 choice = {draws.choice[0][k], draws.choice[1][k]};
     const Vec2 point = {draws.point[0][k], draws.point[1][k]};
-    const LightPick pick = pick_light(scene, v.receiver, choice);
+    const LightPick pick = pick_light(scene, v.receiver, choice, few ? &weight[k] : nullptr);
     const Slot slot = pick.slot;
     if (pick.record == kNone && slot.leaf != kNone && slot.instance == kNone &&
         leaf_kind(slot.leaf) == ShapeKind::triangle) {
