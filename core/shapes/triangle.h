@@ -102,15 +102,15 @@ PH_INLINE bool pierced_at(const Triangle& t, const Ray& ray, const Shear& shear,
   if (n.x == 0.0 && n.y == 0.0 && n.z == 0.0) return false;
   // By the plane: the weights' rounding would make a distance of the 0 at which a ray that starts
   // on a neighbour's edge meets this one. Of rays along the plane, between the vertices'.
-  const double start = component(ray.origin, shear.z), step = component(ray.direction, shear.z);
-  double near = kInfinity, far = -kInfinity;
-  for (const Vec3& v : t.vertex) {
-    const double at = (component(v, shear.z) - start) / step;
-    near = at < near ? at : near;
-    far = at > far ? at : far;
-  }
   const double height = dot(n, difference(t.vertex[0], ray.origin));
-  distance = static_cast<float>(clamp(height / dot(n, to_double(ray.direction)), near, far));
+  double at = height / dot(n, to_double(ray.direction));
+  const double start = component(ray.origin, shear.z), step = component(ray.direction, shear.z);
+  const float a = component(t.vertex[0], shear.z), b = component(t.vertex[1], shear.z);
+  const float c = component(t.vertex[2], shear.z);
+  const double low = min(a, min(b, c)), high = max(a, max(b, c));
+  const double z = start + at * step;
+  if (z < low || z > high) at = (clamp(z, low, high) - start) / step;
+  distance = static_cast<float>(at);
   return true;
 }
 
