@@ -75,9 +75,8 @@ PH_INLINE float cell_probability(const Distribution& d, u32 x, u32 y) {
 
 // A number in [0, 1) whose density goes linearly from a to b, not negative, up to a factor.
 PH_INLINE float sample_linear(float a, float b, float u) {
-  if (!(a + b > 0.0f)) return u;
   const float root = sqrt(a * a + (b * b - a * a) * u);  // of the quadratic's discriminant
-  return min(u * (a + b) / (a + root), 0x1.fffffep-1f);
+  return a + b > 0.0f ? min(u * (a + b) / (a + root), 0x1.fffffep-1f) : u;
 }
 PH_INLINE float linear_pdf(float a, float b, float x) {
   return a + b > 0.0f ? 2.0f * (a + (b - a) * x) / (a + b) : 1.0f;

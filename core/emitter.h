@@ -118,13 +118,16 @@ PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, Vec
   return {c.light - scene.emitter_count, kNoSlot, probability};
 }
 
+PH_INLINE DirectSample record_sample(const LightSample& s) {
+  return {s.direction, s.distance, s.pdf, s.radiance, s.delta, kNoSlot};
+}
+
 // A direction towards the light that was picked.
 PH_INLINE DirectSample sample_pick(const SceneView& scene, const LightPick& pick, Vec3 from,
                                    Vec2 u) {
   DirectSample out = {{0, 0, 1}, 0.0f, 0.0f, {0, 0, 0}, false, kNoSlot};
   if (pick.record != kNone) {
-    const LightSample s = sample_light(scene.lights[pick.record], scene.tables, from, u);
-    out = {s.direction, s.distance, s.pdf, s.radiance, s.delta, kNoSlot};
+    out = record_sample(sample_light(scene.lights[pick.record], scene.tables, from, u));
   } else if (pick.slot.leaf != kNone) {
     const Instance* instance = instance_of(scene, pick.slot);
     const Vec3 origin = instance ? transform_point(instance->to_group, from) : from;

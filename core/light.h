@@ -35,6 +35,12 @@ PH_INLINE auto with_light(const ParamBlock& block, F&& f) {
   compiler::unreachable();
 }
 
+// Whether it is an image by longitude and latitude.
+PH_INLINE bool is_latlong(const LightRecord& record) {
+  return static_cast<LightKind>(record.block.kind) == LightKind::envmap &&
+         is_latlong(from_block<Envmap>(record.block));
+}
+
 // Whether it shines from infinitely far away.
 PH_INLINE bool is_outside(const LightRecord& record) {
   return with_light(record.block, []<class Light>(const Light&) { return Light::outside; });

@@ -98,14 +98,14 @@ PH_INLINE float latlong_weight(const LatLongCell& c) {
 }
 
 // Per steradian, of a place in a cell that is picked with the given probability.
-PH_INLINE float latlong_pdf(const ImageView& image, const LatLongCell& c, float probability) {
+PH_INLINE float latlong_pdf(u32 width, u32 rows, const LatLongCell& c, float probability) {
   const float sum = latlong_weight(c);
   const float relative = sum > 0.0f ? 4.0f * luminance(latlong_color(c)) / sum : 1.0f;
-  const float rows = static_cast<float>(latlong_rows(image));
-  const float sine = cos_sin_turns(0.5f * ((static_cast<float>(c.y) + c.place.y) / rows)).s;
-  if (!(sine > 0.0f)) return 0.0f;
-  return probability * relative * (static_cast<float>(image.width) * rows) /
-         (2.0f * kPi * kPi * sine);
+  const float height = static_cast<float>(rows);
+  const float sine = cos_sin_turns(0.5f * ((static_cast<float>(c.y) + c.place.y) / height)).s;
+  const float density =
+      probability * relative * (static_cast<float>(width) * height) / (2.0f * kPi * kPi * sine);
+  return sine > 0.0f ? density : 0.0f;
 }
 
 struct PanoramaSample {
@@ -114,21 +114,67 @@ struct PanoramaSample {
   float pdf;
 };
 
-PH_INLINE PanoramaSample sample_latlong(const ImageView& image, const Distribution& d, Vec2 u) {
-  const CellSample s = sample_cell(d, u);
-  LatLongCell c = latlong_cell(image, s.x, s.y, {0.0f, 0.0f});
+// A place in a cell whose place is yet to be chosen, picked with `probability`. Without a branch: a
+// loop over many becomes one of vectors.
+PH_INLINE PanoramaSample sample_cell_of(u32 width, u32 rows, LatLongCell c, Vec2 u,
+                                        float probability) {
   const float left = luminance(c.corner[0][0]) + luminance(c.corner[1][0]);
   const float right = luminance(c.corner[0][1]) + luminance(c.corner[1][1]);
-  const float x = sample_linear(left, right, s.u.x);
+  const float x = sample_linear(left, right, u.x);
   const float upper = luminance(c.corner[0][0]) * (1.0f - x) + luminance(c.corner[0][1]) * x;
   const float lower = luminance(c.corner[1][0]) * (1.0f - x) + luminance(c.corner[1][1]) * x;
-  c.place = {x, sample_linear(upper, lower, s.u.y)};
-  const float u_place =
-      (static_cast<float>(c.x) + c.place.x + 0.5f) / static_cast<float>(image.width);
-  const Vec2 p = {u_place < 1.0f ? u_place : u_place - 1.0f,
-                  (static_cast<float>(c.y) + c.place.y) / static_cast<float>(latlong_rows(image))};
-  return {from_latlong(p), latlong_color(c), latlong_pdf(image, c, s.probability)};
+  c.place = {x, sample_linear(upper, lower, u.y)};
+  const float around = (static_cast<float>(c.x) + c.place.x + 0.5f) / static_cast<float>(width);
+  const Vec2 p = {around < 1.0f ? around : around - 1.0f,
+                  (static_cast<float>(c.y) + c.place.y) / static_cast<float>(rows)};
+  return {from_latlong(p), latlong_color(c), latlong_pdf(width, rows, c, probability)};
 }
+
+PH_INLINE PanoramaSample sample_latlong(const ImageView& image, const Distribution& d, Vec2 u) {
+  const CellSample s = sample_cell(d, u);
+  const LatLongCell c = latlong_cell(image, s.x, s.y, {0.0f, 0.0f});
+  return sample_cell_of(image.width, latlong_rows(image), c, s.u, s.probability);
+}
+
+// Cells of such images and places in them, sixteen at once.
+template <u32 kCount>
+struct LatLongBatch {
+  u32 width[kCount], rows[kCount], x[kCount], y[kCount];
+  float corner[2][2][3][kCount], u[2][kCount], probability[kCount];
+  float direction[3][kCount], color[3][kCount], pdf[kCount];
+
+  PH_INLINE void set(u32 i, const ImageView& image, const Distribution& d, Vec2 draws) {
+    const CellSample s = sample_cell(d, draws);
+    const LatLongCell c = latlong_cell(image, s.x, s.y, {0.0f, 0.0f});
+    width[i] = image.width, rows[i] = latlong_rows(image), x[i] = s.x, y[i] = s.y;
+    for (int j = 0; j < 2; ++j) {
+      for (int k = 0; k < 2; ++k) {
+        const Vec3 v = c.corner[j][k];
+        corner[j][k][0][i] = v.x, corner[j][k][1][i] = v.y, corner[j][k][2][i] = v.z;
+      }
+    }
+    u[0][i] = s.u.x, u[1][i] = s.u.y, probability[i] = s.probability;
+  }
+  PH_INLINE void sample() {
+    for (u32 i = 0; i < kCount; ++i) {
+      const auto at = [&](int j, int k) -> Vec3 {
+        return {corner[j][k][0][i], corner[j][k][1][i], corner[j][k][2][i]};
+      };
+      const LatLongCell c = {x[i], y[i], {0, 0}, {{at(0, 0), at(0, 1)}, {at(1, 0), at(1, 1)}}};
+      const PanoramaSample s =
+          sample_cell_of(width[i], rows[i], c, {u[0][i], u[1][i]}, probability[i]);
+      direction[0][i] = s.direction.x, direction[1][i] = s.direction.y;
+      direction[2][i] = s.direction.z;
+      color[0][i] = s.color.x, color[1][i] = s.color.y, color[2][i] = s.color.z;
+      pdf[i] = s.pdf;
+    }
+  }
+  PH_INLINE PanoramaSample sampled(u32 i) const {
+    return {{direction[0][i], direction[1][i], direction[2][i]},
+            {color[0][i], color[1][i], color[2][i]},
+            pdf[i]};
+  }
+};
 
 PH_INLINE PanoramaSample sample_equal_area(const ImageView& image, const Distribution& d, Vec2 u) {
   const CellSample s = sample_cell(d, u);

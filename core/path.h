@@ -542,9 +542,17 @@ inline void ask(const SceneView& scene, Vertex* vertices, const u32* here, u32 n
     }
     light_weights(tree.nodes[0], at, weight);
   }
+  // Those to which directions are found for all at once.
   TriangleLights<kBatch> triangles = {};
-  LightPick picked[kBatch];
-  u32 of[kBatch], count = 0;
+  LatLongBatch<kBatch> panoramas = {};
+  struct {
+    LightPick pick[kBatch];
+    u32 of[kBatch], count = 0;
+    void add(const LightPick& p, u32 i) {
+      pick[count] = p;
+      of[count++] = i;
+    }
+  } facing, around;
   for (u32 k = 0; k < n; ++k) {
     Vertex& v = vertices[here[k]];
     if (!v.asks) continue;
@@ -555,21 +563,33 @@ inline void ask(const SceneView& scene, Vertex* vertices, const u32* here, u32 n
     if (pick.record == kNone && slot.leaf != kNone && slot.instance == kNone &&
         leaf_kind(slot.leaf) == ShapeKind::triangle) {
       const TriangleBlock& block = scene.triangles[slot.leaf & kLeafIndexMask];
-      triangles.set(count, primitive(block, slot.lane), v.receiver.point, point);
-      picked[count] = pick;
-      of[count++] = here[k];
+      triangles.set(facing.count, primitive(block, slot.lane), v.receiver.point, point);
+      facing.add(pick, here[k]);
+    } else if (pick.record != kNone && is_latlong(scene.lights[pick.record])) {
+      const LightRecord& record = scene.lights[pick.record];
+      panoramas.set(around.count, scene.tables.images[record.image],
+                    scene.tables.distributions[record.distribution], point);
+      around.add(pick, here[k]);
     } else {
       v.light = sample_pick(scene, pick, v.receiver.point, point);
     }
   }
-  if (count != 0) triangles.sample();
-  for (u32 i = 0; i < count; ++i) {
-    Vertex& v = vertices[of[i]];
-    const Slot slot = picked[i].slot;
+  if (around.count != 0) panoramas.sample();
+  for (u32 i = 0; i < around.count; ++i) {
+    const LightRecord& record = scene.lights[around.pick[i].record];
+    DirectSample& light = vertices[around.of[i]].light;
+    light = record_sample(
+        from_panorama(from_block<Envmap>(record.block), record, panoramas.sampled(i)));
+    light.pdf *= around.pick[i].probability;
+  }
+  if (facing.count != 0) triangles.sample();
+  for (u32 i = 0; i < facing.count; ++i) {
+    Vertex& v = vertices[facing.of[i]];
+    const Slot slot = facing.pick[i].slot;
     const u32 id = scene.triangles[slot.leaf & kLeafIndexMask].id[slot.lane];
     v.light = emitter_sample(scene, slot, nullptr, triangles.triangle(i), id, v.receiver.point,
                              triangles.towards(i));
-    v.light.pdf *= picked[i].probability;
+    v.light.pdf *= facing.pick[i].probability;
   }
   for (u32 k = 0; k < n; ++k) {
     Vertex& v = vertices[here[k]];

@@ -27,13 +27,18 @@ struct Envmap {
 
 PH_INLINE bool is_latlong(const Envmap& light) { return light.mapping == 0.0f; }
 
+PH_INLINE LightSample from_panorama(const Envmap& light, const LightRecord& record,
+                                    const PanoramaSample& s) {
+  return {to_world(record, s.direction), kInfinity, s.pdf, light.scale * s.color, false};
+}
+
 PH_INLINE LightSample sample(const Envmap& light, const LightRecord& record,
                              const LightTables& tables, Vec3, Vec2 u) {
   const ImageView& image = tables.images[record.image];
   const Distribution& distribution = tables.distributions[record.distribution];
   const PanoramaSample s = is_latlong(light) ? sample_latlong(image, distribution, u)
                                              : sample_equal_area(image, distribution, u);
-  return {to_world(record, s.direction), kInfinity, s.pdf, light.scale * s.color, false};
+  return from_panorama(light, record, s);
 }
 
 PH_INLINE Vec3 radiance(const Envmap& light, const LightRecord& record, const LightTables& tables,
@@ -49,8 +54,8 @@ PH_INLINE LightSight seen(const Envmap& light, const LightRecord& record, const 
   const Vec3 d = to_local(record, direction);
   if (is_latlong(light)) {
     const LatLongCell c = latlong_cell_at(image, d);
-    return {light.scale * latlong_color(c),
-            latlong_pdf(image, c, cell_probability(distribution, c.x, c.y))};
+    return {light.scale * latlong_color(c), latlong_pdf(image.width, latlong_rows(image), c,
+                                                        cell_probability(distribution, c.x, c.y))};
   }
   const TexelPlace t = equal_area_texel(image, d);
   return {light.scale * fetch(image, 0, t.x, t.y).rgb,

@@ -50,7 +50,7 @@ PH_INLINE float pdf(const Sky&, const LightRecord& record, const LightTables& ta
                     Vec3 direction) {
   const ImageView& image = tables.images[record.image];
   const LatLongCell c = latlong_cell_at(image, to_local(record, direction));
-  return latlong_pdf(image, c,
+  return latlong_pdf(image.width, latlong_rows(image), c,
                      cell_probability(tables.distributions[record.distribution], c.x, c.y));
 }
 
