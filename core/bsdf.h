@@ -8,6 +8,7 @@
 //   eval(m, wo, wi)         f |cos wi|
 //   pdf(m, wo, wi)          density of sample, per steradian
 //   sample(m, wo, u, out)   false where the path ends
+//   lobe_draws              how many of `lobe` and `lobe2` sample takes, if any
 //   transmits = true        if light can pass: it is then asked for either side of the surface,
 //   else
 //                           only for wo above it, whichever side is seen

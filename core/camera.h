@@ -58,12 +58,13 @@ PH_INLINE double entry(DVec3 origin, DVec3 direction, const Box& box) {
 // fixed length, which compilers turn into vectors.
 inline constexpr u32 kBatch = 16;
 
-// Of each sample in a batch: its pixel's column, where in the pixel, and on the lens; then its ray,
-// as `full` and, from where it enters the scene's bounds, `start` away from the camera, as the
-// scene sees it.
+// Of each sample in a batch: its pixel's column, its random numbers, where in the pixel, and on the
+// lens; then its ray, as `full` and, from where it enters the scene's bounds, `start` away from the
+// camera, as the scene sees it.
 template <u32 kCount>
 struct CameraBatch {
   u32 x[kCount], sample[kCount];
+  SamplerBatch<kCount> samplers;
   float offset_x[kCount], offset_y[kCount], lens_x[kCount], lens_y[kCount];
   double full_origin[3][kCount], full_direction[3][kCount];
   float origin[3][kCount], direction[3][kCount], start[kCount];

@@ -36,6 +36,17 @@ PH_INLINE auto with_material(const ParamBlock& block, F&& f) {
   compiler::unreachable();
 }
 
+// How many numbers a material takes to choose a lobe.
+PH_INLINE u32 lobe_draws(const ParamBlock& block) {
+  return with_material(block, []<class Material>(const Material&) -> u32 {
+    if constexpr (requires { Material::lobe_draws; }) {
+      return Material::lobe_draws;
+    } else {
+      return 0;
+    }
+  });
+}
+
 PH_INLINE Vec3 block_color(const ParamBlock& block) {
   return {block.value[0], block.value[1], block.value[2]};
 }

@@ -398,13 +398,10 @@ inline Vec3 ambient_occlusion(const SceneView& scene, const RenderView& view, co
 template <u32 kCount>
 PH_INLINE void begin_paths(const SceneView& scene, const RenderView& view, u32 y,
                            CameraBatch<kCount>& b) {
+  b.samplers = make_samplers(view.sampler, b.x, y, b.sample, view.seed);
   float place_x[kCount], place_y[kCount], lens_x[kCount], lens_y[kCount];
-  for (u32 i = 0; i < kCount; ++i) {
-    const Sampler sampler = make_sampler(view.sampler, b.x[i], y, b.sample[i], view.seed);
-    const Vec2 place = draw2(sampler, kDrawPixel), lens = draw2(sampler, kDrawLens);
-    place_x[i] = place.x, place_y[i] = place.y;
-    lens_x[i] = lens.x, lens_y[i] = lens.y;
-  }
+  draw2(b.samplers, kDrawPixel, place_x, place_y);
+  draw2(b.samplers, kDrawLens, lens_x, lens_y);
   for (u32 i = 0; i < kCount; ++i) b.offset_x[i] = filter_offset(view.filter, place_x[i]);
   for (u32 i = 0; i < kCount; ++i) b.offset_y[i] = filter_offset(view.filter, place_y[i]);
   for (u32 i = 0; i < kCount; ++i) {
@@ -476,12 +473,11 @@ PH_INLINE void leave_scene(const SceneView& scene, const RenderView& view, PathS
   }
 }
 
-// The state of a sample's path as it begins, by the batch's place `at`.
+// The path of the sample at a place in a batch, as it begins.
 template <u32 kCount>
-PH_INLINE PathState first_state(const RenderView& view, u32 y, const CameraBatch<kCount>& batch,
-                                u32 at) {
-  PathState path;
-  path.sampler = make_sampler(view.sampler, batch.x[at], y, batch.sample[at], view.seed);
+PH_INLINE void begin(const RenderView& view, const CameraBatch<kCount>& batch, u32 at,
+                     PathState& path) {
+  path.sampler = batch.samplers.at(at);
   path.sum = {0, 0, 0};
   path.throughput = {1, 1, 1};
   path.scatter_pdf = 0.0f;
@@ -497,25 +493,29 @@ PH_INLINE PathState first_state(const RenderView& view, u32 y, const CameraBatch
   path.ray.inward = false;
   path.spread = view.camera.cone.spread;
   path.width = view.camera.cone.width + path.spread * path.travelled;
-  return path;
 }
 
 // All that the first n of `here` may need, by their order there.
-inline void draw_bounces(const PathState* paths, const u32* here, u32 n, bool lit,
-                         BounceDraws& draws) {
+inline void draw_bounces(const PathState* paths, const Vertex* vertices, const u32* here, u32 n,
+                         bool lit, BounceDraws& draws) {
   SamplerBatch<kBatch> s = {};
   s.kind = paths[here[0]].sampler.kind;
+  u32 lobes = 0;
+  bool roulette = false;
   for (u32 k = 0; k < n; ++k) {
     const PathState& path = paths[here[k]];
     s.key[k] = path.sampler.key;
     s.reversed_index[k] = path.sampler.reversed_index;
     s.dimension[k] = bounce_draw(path.depth);
+    const u32 own = lobe_draws(vertices[here[k]].block);
+    lobes = own > lobes ? own : lobes;
+    roulette = roulette || path.depth >= kRouletteStart;
   }
   float unused[kBatch];
   draw2(s, kDrawDirection, draws.direction[0], draws.direction[1]);
-  draw2(s, kDrawLobe, draws.lobe, unused);
-  draw2(s, kDrawLobe2, draws.lobe2, unused);
-  draw2(s, kDrawRoulette, draws.roulette, unused);
+  if (lobes > 0) draw2(s, kDrawLobe, draws.lobe, unused);
+  if (lobes > 1) draw2(s, kDrawLobe2, draws.lobe2, unused);
+  if (roulette) draw2(s, kDrawRoulette, draws.roulette, unused);
   if (lit) {
     draw2(s, kDrawLight, draws.choice[0], draws.choice[1]);
     draw2(s, kDrawLightPoint, draws.point[0], draws.point[1]);
@@ -597,7 +597,7 @@ inline void ask(const SceneView& scene, Vertex* vertices, const u32* here, u32 n
   }
 }
 
-// Follows n paths, up to kBatch, whose states are first_state's, to their ends, each step for all
+// Follows n paths, up to kBatch, that have begun, to their ends, each step for all
 // of them before the next: what one waits for, another is computed in. sights: of their cameras'
 // rays. features: of each path, or null.
 inline void follow(const SceneView& scene, const RenderView& view, PathState* paths,
@@ -650,7 +650,8 @@ inline void follow(const SceneView& scene, const RenderView& view, PathState* pa
       if (fate == Fate::scatters) here[scattering++] = i;
     }
     BounceDraws draws;
-    if (scattering != 0) draw_bounces(paths, here, scattering, asks_for_light(scene), draws);
+    if (scattering != 0)
+      draw_bounces(paths, vertices, here, scattering, asks_for_light(scene), draws);
     if (asks_for_light(scene)) ask(scene, vertices, here, scattering, draws);
     for (u32 k = 0; k < scattering; ++k) {
       Vertex& v = vertices[here[k]];
@@ -684,7 +685,8 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
   batch.x[0] = x;
   batch.sample[0] = sample;
   begin_paths(scene, view, y, batch);
-  PathState path = first_state(view, y, batch, 0);
+  PathState path;
+  begin(view, batch, 0, path);
   follow(scene, view, &path, batch.sight, 1, nullptr, stats);
   return path.sum;
 }

@@ -123,7 +123,22 @@ struct SamplerBatch {
   SamplerKind kind;
   u64 key[kCount];
   u32 reversed_index[kCount], dimension[kCount];
+
+  PH_INLINE Sampler at(u32 i) const { return {kind, reversed_index[i], key[i]}; }
 };
+
+// Those of samples in one row of the picture.
+template <u32 kCount>
+PH_INLINE SamplerBatch<kCount> make_samplers(SamplerKind kind, const u32 (&x)[kCount], u32 y,
+                                             const u32 (&sample)[kCount], u64 seed) {
+  SamplerBatch<kCount> s;
+  s.kind = kind;
+  for (u32 i = 0; i < kCount; ++i) {
+    const Sampler one = make_sampler(kind, x[i], y, sample[i], seed);
+    s.key[i] = one.key, s.reversed_index[i] = one.reversed_index, s.dimension[i] = 0;
+  }
+  return s;
+}
 
 // draw2 for all of a batch, in a loop that compilers turn into vectors.
 template <u32 kCount>

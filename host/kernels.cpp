@@ -50,7 +50,7 @@ void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u
     begin_paths(scene, view, y, batch);
     PathState paths[kBatch];
     Features seen[kBatch];
-    for (u32 i = 0; i < n; ++i) paths[i] = first_state(view, y, batch, i);
+    for (u32 i = 0; i < n; ++i) begin(view, batch, i, paths[i]);
     follow(scene, view, paths, batch.sight, n, features ? seen : nullptr, stats);
     u32 at[kBatch];
     float rgb[3][kBatch] = {};

@@ -16,6 +16,7 @@ struct Dielectric {
   float dispersion;
 
   static constexpr bool transmits = true;
+  static constexpr u32 lobe_draws = 1;
   static constexpr const char* doc = "glass, smooth or frosted: reflects and refracts";
   static constexpr ParamInfo params[] = {
       {"color", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "tint of the light at each crossing"},

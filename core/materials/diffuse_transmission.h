@@ -11,6 +11,7 @@ struct DiffuseTransmission {
 
   static constexpr bool transmits = true;
   static constexpr bool thin = true;  // has no inside
+  static constexpr u32 lobe_draws = 1;
   static constexpr const char* doc = "thin matte sheet: light scatters back and comes through";
   static constexpr ParamInfo params[] = {
       {"color", 3, {0.4f, 0.4f, 0.4f}, 0.0f, 1.0f, "share of the light that is reflected"},

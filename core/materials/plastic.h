@@ -17,6 +17,7 @@ struct Plastic {
   Vec3 color, specular;
   float ior, roughness, distribution, nonlinear, compensation;
 
+  static constexpr u32 lobe_draws = 1;
   static constexpr const char* doc = "matte base under a clear coat, smooth or rough";
   static constexpr ParamInfo params[] = {
       {"color", 3, {0.5f, 0.5f, 0.5f}, 0.0f, 1.0f, "share that the base reflects"},

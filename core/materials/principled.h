@@ -28,6 +28,7 @@ struct Principled {
   float dispersion;
 
   static constexpr bool transmits = true;
+  static constexpr u32 lobe_draws = 2;
   static constexpr const char* doc =
       "glTF's metallic-roughness with its extensions: metal, plastic, cloth, car paint, glass";
   static constexpr ParamInfo params[] = {
