@@ -159,8 +159,8 @@ inline void light_weights(const LightNode& node, const LitPoints& at, float (&we
   }
 }
 
-// Chooses a child by weights whose sum is not 0; `rest` is a uniform number and becomes a new one.
-PH_INLINE u32 choose_lane(const float (&weight)[16], float sum, double& rest) {
+// Chooses one of sixteen children by weights whose sum is not 0; `rest` is a uniform number and becomes a new one.
+PH_INLINE u32 choose_lane(const float* weight, float sum, double& rest) {
   // The last lane that has a weight takes what rounding leaves over.
   const double target = rest * static_cast<double>(sum);
   double before = 0.0, at = 0.0;
@@ -195,7 +195,7 @@ inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 norma
     const bool known = root && index == 0;
     const float sum = known ? sum_of(*root) : light_weights(node, from, normal, own);
     if (!(sum > 0.0f)) return nothing;
-    const float (&weight)[16] = known ? *root : own;
+    const float* weight = known ? *root : own;
     const u32 lane = choose_lane(weight, sum, rest);
     share[depth++] = weight[lane] / sum;
     const u32 child = node.child[lane];

@@ -143,6 +143,10 @@ struct LatLongBatch {
   float corner[2][2][3][kCount], u[2][kCount], probability[kCount];
   float direction[3][kCount], color[3][kCount], pdf[kCount];
 
+  PH_INLINE void clear() {
+    *this = {};
+    for (u32 i = 0; i < kCount; ++i) width[i] = rows[i] = 1;
+  }
   PH_INLINE void set(u32 i, const ImageView& image, const Distribution& d, Vec2 draws) {
     const CellSample s = sample_cell(d, draws);
     const LatLongCell c = latlong_cell(image, s.x, s.y, {0.0f, 0.0f});

@@ -1,4 +1,4 @@
-// The path tracer: radiance along one sample's path, with direct light sampled at every bounce and
+// The path tracer: the steps of one sample's path, with direct light sampled at every bounce and
 // weighed against scattering by multiple importance sampling (Veach 1997, chapter 9).
 #pragma once
 #include "emitter.h"
@@ -69,6 +69,7 @@ struct PathState {
 
 // Where a path has met a surface: what one step of a bounce hands on to the next.
 struct Vertex {
+  u32 place;  // of the path among those that are followed together
   Surface surface;
   const MaterialRecord* record;
   ParamBlock block;  // the material's parameters here
@@ -81,19 +82,6 @@ struct Vertex {
   Vec3 value;    // the light's radiance, scattered towards wo
   float scale;   // its weight over its density
   bool crosses;  // it arrives through the surface
-};
-
-// The numbers that a bounce of sixteen paths takes, by draw and path.
-struct BounceDraws {
-  float choice[2][kBatch], point[2][kBatch], direction[2][kBatch];
-  float hemisphere[3][kBatch], lobe[kBatch], lobe2[kBatch], roulette[kBatch];
-
-  PH_INLINE BsdfDraws bsdf(u32 i) const {
-    return {{direction[0][i], direction[1][i]},
-            {hemisphere[0][i], hemisphere[1][i], hemisphere[2][i]},
-            lobe[i],
-            lobe2[i]};
-  }
 };
 
 // What becomes of a path at a surface: it ends, goes straight on or is scattered.
@@ -493,202 +481,6 @@ PH_INLINE void begin(const RenderView& view, const CameraBatch<kCount>& batch, u
   path.ray.inward = false;
   path.spread = view.camera.cone.spread;
   path.width = view.camera.cone.width + path.spread * path.travelled;
-}
-
-// All that the first n of `here` may need, by their order there.
-inline void draw_bounces(const PathState* paths, const Vertex* vertices, const u32* here, u32 n,
-                         bool lit, BounceDraws& draws) {
-  SamplerBatch<kBatch> s = {};
-  s.kind = paths[here[0]].sampler.kind;
-  u32 lobes = 0;
-  bool roulette = false;
-  for (u32 k = 0; k < n; ++k) {
-    const PathState& path = paths[here[k]];
-    s.key[k] = path.sampler.key;
-    s.reversed_index[k] = path.sampler.reversed_index;
-    s.dimension[k] = bounce_draw(path.depth);
-    const u32 own = lobe_draws(vertices[here[k]].block);
-    lobes = own > lobes ? own : lobes;
-    roulette = roulette || path.depth >= kRouletteStart;
-  }
-  float unused[kBatch];
-  draw2(s, kDrawDirection, draws.direction[0], draws.direction[1]);
-  if (lobes > 0) draw2(s, kDrawLobe, draws.lobe, unused);
-  if (lobes > 1) draw2(s, kDrawLobe2, draws.lobe2, unused);
-  if (roulette) draw2(s, kDrawRoulette, draws.roulette, unused);
-  if (lit) {
-    draw2(s, kDrawLight, draws.choice[0], draws.choice[1]);
-    draw2(s, kDrawLightPoint, draws.point[0], draws.point[1]);
-  }
-  for (u32 k = 0; k < kBatch; ++k) {
-    const Vec3 w = cosine_hemisphere({draws.direction[0][k], draws.direction[1][k]});
-    draws.hemisphere[0][k] = w.x, draws.hemisphere[1][k] = w.y, draws.hemisphere[2][k] = w.z;
-  }
-}
-
-// Light samples for those of the first n of `here` that ask for light.
-inline void ask(const SceneView& scene, Vertex* vertices, const u32* here, u32 n,
-                const BounceDraws& draws) {
-  // A node of few lights is weighed for all paths at once.
-  const LightTreeView& tree = scene.light_tree;
-  const bool few = tree.light_count != 0 && tree.light_count <= 8;
-  float weight[kBatch][16];
-  if (few) {
-    LitPoints at = {};
-    for (u32 k = 0; k < n; ++k) {
-      const Receiver& r = vertices[here[k]].receiver;
-      at.x[k] = r.point.x, at.y[k] = r.point.y, at.z[k] = r.point.z;
-      at.normal_x[k] = r.normal.x, at.normal_y[k] = r.normal.y, at.normal_z[k] = r.normal.z;
-    }
-    light_weights(tree.nodes[0], at, weight);
-  }
-  // Those to which directions are found for all at once.
-  TriangleLights<kBatch> triangles = {};
-  LatLongBatch<kBatch> panoramas = {};
-  struct {
-    LightPick pick[kBatch];
-    u32 of[kBatch], count = 0;
-    void add(const LightPick& p, u32 i) {
-      pick[count] = p;
-      of[count++] = i;
-    }
-  } facing, around;
-  for (u32 k = 0; k < n; ++k) {
-    Vertex& v = vertices[here[k]];
-    if (!v.asks) continue;
-    const Vec2 choice = {draws.choice[0][k], draws.choice[1][k]};
-    const Vec2 point = {draws.point[0][k], draws.point[1][k]};
-    const LightPick pick = pick_light(scene, v.receiver, choice, few ? &weight[k] : nullptr);
-    const Slot slot = pick.slot;
-    if (pick.record == kNone && slot.leaf != kNone && slot.instance == kNone &&
-        leaf_kind(slot.leaf) == ShapeKind::triangle) {
-      const TriangleBlock& block = scene.triangles[slot.leaf & kLeafIndexMask];
-      triangles.set(facing.count, primitive(block, slot.lane), v.receiver.point, point);
-      facing.add(pick, here[k]);
-    } else if (pick.record != kNone && is_latlong(scene.lights[pick.record])) {
-      const LightRecord& record = scene.lights[pick.record];
-      panoramas.set(around.count, scene.tables.images[record.image],
-                    scene.tables.distributions[record.distribution], point);
-      around.add(pick, here[k]);
-    } else {
-      v.light = sample_pick(scene, pick, v.receiver.point, point);
-    }
-  }
-  if (around.count != 0) panoramas.sample();
-  for (u32 i = 0; i < around.count; ++i) {
-    const LightRecord& record = scene.lights[around.pick[i].record];
-    DirectSample& light = vertices[around.of[i]].light;
-    light = record_sample(
-        from_panorama(from_block<Envmap>(record.block), record, panoramas.sampled(i)));
-    light.pdf *= around.pick[i].probability;
-  }
-  if (facing.count != 0) triangles.sample();
-  for (u32 i = 0; i < facing.count; ++i) {
-    Vertex& v = vertices[facing.of[i]];
-    const Slot slot = facing.pick[i].slot;
-    const u32 id = scene.triangles[slot.leaf & kLeafIndexMask].id[slot.lane];
-    v.light = emitter_sample(scene, slot, nullptr, triangles.triangle(i), id, v.receiver.point,
-                             triangles.towards(i));
-    v.light.pdf *= facing.pick[i].probability;
-  }
-  for (u32 k = 0; k < n; ++k) {
-    Vertex& v = vertices[here[k]];
-    v.asks = v.asks && v.light.pdf > 0.0f && !black(v.light.radiance);
-  }
-}
-
-// Follows n paths, up to kBatch, that have begun, to their ends, each step for all
-// of them before the next: what one waits for, another is computed in. sights: of their cameras'
-// rays. features: of each path, or null.
-inline void follow(const SceneView& scene, const RenderView& view, PathState* paths,
-                   const Sight* sights, u32 n, Features* features, PathStats& stats) {
-  Vertex vertices[kBatch];
-  u32 on[kBatch], count = 0;  // the paths that go on
-  // Light that is direct has been found when the second ray ends.
-  const auto note_direct = [&](u32 i) {
-    if (features && paths[i].depth <= 2) features[i].direct = paths[i].sum - features[i].emission;
-  };
-  stats.rays += n;
-  for (u32 i = 0; i < n; ++i) {
-    if (features) features[i] = {0, {}, {}, {}, {}, {}, {}, {}, kNone, kNone};
-    if (sights[i] == Sight::scene) {
-      on[count++] = i;
-    } else if (sights[i] == Sight::background) {
-      leave_scene(scene, view, paths[i]);
-      note_direct(i);
-    }
-  }
-  while (count != 0) {
-    for (u32 k = 0; k < count; ++k) {
-      PathState& path = paths[on[k]];
-      intersect(scene, path.ray, kInfinity, view.tree, path.hit);
-    }
-    u32 straight[kBatch], passing = 0, here[kBatch], met = 0;
-    for (u32 k = 0; k < count; ++k) {
-      const u32 i = on[k];
-      PathState& path = paths[i];
-      Features* const own = features ? &features[i] : nullptr;
-      if (path.hit.slot.leaf == kNone) {
-        leave_scene(scene, view, path);
-      } else {
-        const Fate fate = meet(scene, view, path, vertices[i], own, stats);
-        if (fate == Fate::passes) straight[passing++] = i;
-        if (fate == Fate::scatters) here[met++] = i;
-      }
-      note_direct(i);
-    }
-    u32 scattering = 0;
-    for (u32 k = 0; k < met; ++k) {
-      const u32 i = here[k];
-      Vertex& v = vertices[i];
-      Features* const own = features ? &features[i] : nullptr;
-      const Fate fate = with_material(v.block, [&](const auto& material) {
-        if (own && paths[i].depth == 1) own->albedo = albedo_of(material);
-        return approach(scene, material, paths[i], v, own);
-      });
-      if (fate == Fate::passes) straight[passing++] = i;
-      if (fate == Fate::scatters) here[scattering++] = i;
-    }
-    BounceDraws draws;
-    if (scattering != 0)
-      draw_bounces(paths, vertices, here, scattering, asks_for_light(scene), draws);
-    if (asks_for_light(scene)) ask(scene, vertices, here, scattering, draws);
-    for (u32 k = 0; k < scattering; ++k) {
-      Vertex& v = vertices[here[k]];
-      if (!v.asks) continue;
-      v.asks = with_material(
-          v.block, [&](const auto& material) { return weigh(material, paths[here[k]], v); });
-    }
-    for (u32 k = 0; k < scattering; ++k) {
-      const u32 i = here[k];
-      if (vertices[i].asks) receive(scene, view, paths[i], vertices[i], stats);
-      if (paths[i].depth == 1) note_direct(i);
-    }
-    count = 0;
-    for (u32 k = 0; k < scattering; ++k) {
-      const u32 i = here[k];
-      const bool goes_on = with_material(vertices[i].block, [&](const auto& material) {
-        return scatter(scene, view, material, draws.bsdf(k), draws.roulette[k], paths[i],
-                       vertices[i]);
-      });
-      if (goes_on) on[count++] = i;
-    }
-    for (u32 k = 0; k < passing; ++k) on[count++] = straight[k];
-    stats.rays += count;
-  }
-}
-
-// Radiance that one sample of one pixel sees: a pure function of pixel and sample.
-inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample,
-                     PathStats& stats) {
-  CameraBatch<1> batch = {};
-  batch.x[0] = x;
-  batch.sample[0] = sample;
-  begin_paths(scene, view, y, batch);
-  PathState path;
-  begin(view, batch, 0, path);
-  follow(scene, view, &path, batch.sight, 1, nullptr, stats);
-  return path.sum;
 }
 
 }  // namespace parhelion::PH_ISA

@@ -2,7 +2,7 @@
 // includes it.
 #pragma once
 #include "../core/film.h"
-#include "../core/path.h"
+#include "../core/wavefront.h"
 
 namespace parhelion {
 

@@ -33,35 +33,74 @@ void record(FeaturePixel& pixel, const Features& f, u32 sample) {
   }
 }
 
+// Samples that have ended, on their way into the film.
+struct Finished {
+  u32 at[kBatch], count = 0;
+  float rgb[3][kBatch] = {};
+
+  void add_to(FilmPixel* row) {
+    add(row, at, rgb, count);
+    count = 0;
+  }
+};
+
 void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u32 x1, u32 first,
                 u32 last, FilmPixel* row, FeaturePixel* features, PathStats& stats) {
-  // Batches of samples, pixel after pixel; the rest of the last batch repeats its last sample.
+  PathPool pool;
+  pool.featured = features != nullptr;
+  pool.on_count = pool.ended_count = 0;
+  u32 at[kPaths],
+      number[kPaths];  // of the sample at a place of the pool: its pixel, and its number
+  u32 free[kPaths], free_count = 0;
+  while (free_count < kPaths) free[free_count] = kPaths - 1 - free_count, ++free_count;
+  Finished finished;
+  const auto take_out = [&] {
+    for (u32 k = 0; k < pool.ended_count; ++k) {
+      const u32 i = pool.ended[k];
+      const Vec3 light = pool.path[i].sum;
+      const u32 n = finished.count++;
+      finished.at[n] = at[i];
+      finished.rgb[0][n] = light.x, finished.rgb[1][n] = light.y, finished.rgb[2][n] = light.z;
+      if (finished.count == kBatch) finished.add_to(row);
+      free[free_count++] = i;
+    }
+    pool.ended_count = 0;
+  };
+
+  // Samples go pixel after pixel. Those of features are counted in that order, so a batch of them
+  // ends before the next begins.
   u32 x = first < last ? x0 : x1, sample = first;
-  while (x < x1) {
-    CameraBatch<kBatch> batch;
-    u32 n = 0;
-    for (; n < kBatch && x < x1; ++n) {
-      batch.x[n] = x, batch.sample[n] = sample;
-      if (++sample == last) ++x, sample = first;
+  for (;;) {
+    while (x < x1 && pool.on_count <= (features ? 0 : kPaths - kBatch)) {
+      CameraBatch<kBatch> batch;
+      u32 n = 0, place[kBatch];
+      for (; n < kBatch && x < x1; ++n) {
+        batch.x[n] = x, batch.sample[n] = sample;
+        place[n] = free[--free_count];
+        at[place[n]] = x - x0, number[place[n]] = sample;
+        if (++sample == last) ++x, sample = first;
+      }
+      for (u32 i = n; i < kBatch; ++i) {  // the rest of the last batch repeats its last sample
+        batch.x[i] = batch.x[n - 1], batch.sample[i] = batch.sample[n - 1];
+      }
+      begin_paths(scene, view, y, batch);
+      // Rays of one pixel lie close together, and are not mixed with others.
+      const u32 before = pool.on_count;
+      for (u32 i = 0; i < n; ++i) begin(scene, view, batch, i, pool, place[i], stats);
+      advance(scene, view, pool, before, stats);
+      if (features) {
+        while (pool.on_count != 0) advance(scene, view, pool, 0, stats);
+        for (u32 i = 0; i < n; ++i) {
+          record(features[at[place[i]]], pool.features[place[i]], number[place[i]]);
+        }
+      }
+      take_out();
     }
-    for (u32 i = n; i < kBatch; ++i) {
-      batch.x[i] = batch.x[n - 1], batch.sample[i] = batch.sample[n - 1];
-    }
-    begin_paths(scene, view, y, batch);
-    PathState paths[kBatch];
-    Features seen[kBatch];
-    for (u32 i = 0; i < n; ++i) begin(view, batch, i, paths[i]);
-    follow(scene, view, paths, batch.sight, n, features ? seen : nullptr, stats);
-    u32 at[kBatch];
-    float rgb[3][kBatch] = {};
-    for (u32 i = 0; i < n; ++i) {
-      at[i] = batch.x[i] - x0;
-      const Vec3 light = paths[i].sum;
-      rgb[0][i] = light.x, rgb[1][i] = light.y, rgb[2][i] = light.z;
-      if (features) record(features[at[i]], seen[i], batch.sample[i]);
-    }
-    add(row, at, rgb, n);
+    if (pool.on_count == 0) break;
+    advance(scene, view, pool, 0, stats);
+    take_out();
   }
+  finished.add_to(row);
   for (u32 i = 0; i < x1 - x0; ++i) {
     carry(row[i]);
     if (features) carry(features[i]);

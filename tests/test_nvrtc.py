@@ -13,7 +13,7 @@ CORE = Path(__file__).resolve().parent.parent / "core"
 # All of core/ behind one entry point: a thread a pixel, as a GPU host would call it.
 KERNEL = """
 #include "film.h"
-#include "path.h"
+#include "wavefront.h"
 
 using namespace parhelion;
 
@@ -24,7 +24,7 @@ extern "C" __global__ void render(const SceneView* scene, const RenderView* view
   if (x >= width || y >= height) return;
   PathStats stats = {0};
   for (unsigned s = first; s < last; ++s) {
-    PH_ISA::add(film[y * width + x], PH_ISA::radiance(*scene, *view, x, y, s, stats, nullptr));
+    PH_ISA::add(film[y * width + x], PH_ISA::radiance(*scene, *view, x, y, s, stats));
   }
 }
 """

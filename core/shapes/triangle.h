@@ -226,8 +226,9 @@ PH_INLINE TowardsSample sample_towards(const Triangle& t, Vec3 from, Vec2 u) {
   const double height = dot(n, to_first);
   const DVec3 e1 = difference(t.vertex[1], t.vertex[0]);
   const DVec3 e2 = difference(t.vertex[2], t.vertex[0]);
-  const SphericalTriangle seen = seen_from(t, from);
+  SphericalTriangle seen = seen_from(t, from);
   const bool wide = seen.solid_angle > kLeastSolidAngle;
+  seen.solid_angle = wide ? seen.solid_angle : 0.0f;  // which may be NaN
   const DVec3 d = direction_within(seen, u);
   const DVec3 along = d * (height / dot(n, d));
   const DVec3 q = along - to_first;
