@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Iterable
 from dataclasses import asdict
 from datetime import datetime, timezone
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 from parhelion.machine import describe, load_average
 
 from .measure import ASKED, GROUPS, PEERS, Notes, Plan
-from .scenes import WEEKEND, BenchError, read_weekend
+from .scenes import GALLERY, WEEKEND, BenchError, read_weekend
 from .summary import Row, table
 
 # A load average from which on a note says that the machine was not free.
@@ -30,6 +31,9 @@ def parser() -> argparse.ArgumentParser:
     timed = tuple(name for name in GROUPS if name not in ASKED)
     p.add_argument("--only", type=_names(GROUPS), default=timed, metavar="GROUP,...")
     p.add_argument("--peers", type=_names(PEERS), default=tuple(PEERS), metavar="NAME,...|none")
+    p.add_argument(
+        "--scenes", type=_names(GALLERY), default=GALLERY, metavar="NAME,...", help="of group equal"
+    )
     p.add_argument("--rounds", type=_count, default=d.rounds, help=f"default {d.rounds}")
     p.add_argument("--width", type=_count, default=d.width)
     p.add_argument("--height", type=_count, default=d.height)
@@ -119,7 +123,7 @@ def _count(value: str) -> int:
     return int(value)
 
 
-def _names(known: dict[str, Any]) -> Any:
+def _names(known: Iterable[str]) -> Any:
     def read(value: str) -> tuple[str, ...]:
         names = () if value == "none" else tuple(value.split(","))
         for name in names:

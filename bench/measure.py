@@ -16,12 +16,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from .equal import equal
 from .lights import lights
 from .loading import loading
 from .process import Worker, run, start_seconds
 from .rays import rays
 from .references import references
-from .scenes import BenchError
+from .scenes import GALLERY, BenchError
 from .summary import Row, ratios
 from .trajectories import trajectories
 
@@ -31,6 +32,7 @@ OURS = "parhelion"
 PEERS: dict[str, tuple[str, dict[str, Any]]] = {
     "mitsuba-llvm": ("mitsuba", {"variant": "llvm_ad_rgb"}),
     "mitsuba-scalar": ("mitsuba", {"variant": "scalar_rgb"}),
+    "cycles": ("cycles", {}),
 }
 
 # Seeds of references, far from those of the pictures that are compared with them.
@@ -39,7 +41,9 @@ REFERENCE_SEED = 100_000
 
 @dataclass(frozen=True)
 class Plan:
-    """Settings of all measurements. spheres: the weekend file. long: clouds of 1e7 too."""
+    """Settings of all measurements. spheres: the weekend file. scenes: of the group `equal`.
+    long: clouds of 1e7 too.
+    """
 
     spheres: Path
     width: int = 480
@@ -50,6 +54,7 @@ class Plan:
     rounds: int = 7
     peers: tuple[str, ...] = tuple(PEERS)
     reference_spp: int = 4096
+    scenes: tuple[str, ...] = GALLERY
     long: bool = False
     cache: Path = Path(tempfile.gettempdir()) / "parhelion-bench"
 
@@ -205,6 +210,7 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
     "startup": startup,
     "clouds": clouds,
     "error": error,
+    "equal": equal,
     "rays": rays,
     "lights": lights,
     "loading": loading,
@@ -212,8 +218,8 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
     "references": references,
 }
 
-# What is not measured unless it is asked for: no seconds, but whether pictures are right.
-ASKED = ("references",)
+# What is not measured unless it is asked for: whether pictures are right, and what takes an hour.
+ASKED = ("references", "equal")
 
 
 def alternate(

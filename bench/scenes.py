@@ -15,6 +15,22 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 SHARED = REPOSITORY.parent / "shared" / "scenes"
 WEEKEND = SHARED / "weekend" / "spheres.json"
 
+# Names of what bench/gallery.py makes, which takes more imports than a command's options should.
+GALLERY = (
+    "weekend",
+    "cornell-box",
+    "veach-mis",
+    "plastic",
+    "rough-gold",
+    "helmet",
+    "sponza",
+    "coffee",
+    "classroom",
+    "lamps-1e3",
+    "cloud-1e4",
+    "cloud-1e6",
+)
+
 
 class BenchError(Exception):
     """Something that the person who runs the measurement can mend; its text says what."""

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -15,6 +16,7 @@ if not (REPOSITORY / "bench").is_dir():
 sys.path.insert(0, str(REPOSITORY))
 
 from bench.compare import compare, verdict  # noqa: E402
+from bench.equal import relative_error, seconds_at  # noqa: E402
 from bench.measure import alternate  # noqa: E402
 from bench.scenes import BenchError, read_weekend  # noqa: E402
 from bench.summary import Row, ratios, spread, table  # noqa: E402
@@ -167,6 +169,42 @@ def test_the_whole_harness_runs_and_its_files_compare(tmp_path: Path, spheres: P
     same = command("bench/compare.py", output, output)
     assert same.returncode == 0, same.stderr
     assert len(same.stdout.splitlines()) == len(result["rows"])
+
+
+def test_relative_error_by_hand():
+    reference = np.ones((40, 25, 3))
+    picture = reference.copy()
+    picture[3, 4] = 3.0  # (3 - 1)^2 / (1^2 + 0.1^2), in one pixel of a thousand
+    error, trimmed = relative_error(picture, reference)
+    assert error == pytest.approx(4 / 1.01 / 1000)
+    assert trimmed == 0.0
+    # the same in other units of light
+    assert relative_error(7 * picture, 7 * reference)[0] == pytest.approx(error)
+
+
+@pytest.mark.parametrize(
+    ("error", "seconds"),
+    [(0.4, 1.0), (0.1, 4.0), (0.2, 2.0), (0.8, 0.5), (0.01, 40.0)],
+)
+def test_seconds_to_an_error_lie_on_the_line_through_both_measurements(
+    error: float, seconds: float
+):
+    assert seconds_at(error, (0.4, 1.0), (0.1, 4.0)) == pytest.approx(seconds)
+
+
+def test_equal_error_of_a_cloud_without_peers(tmp_path: Path):
+    output = tmp_path / "b.json"
+    done = command(
+        *("-m", "bench", "--only", "equal", "--scenes", "cloud-1e4", "--peers", "none"),
+        *("--width", 24, "--height", 18, "--rounds", 1, "--reference-spp", 256),
+        *("--cache", tmp_path, "-o", output),
+    )
+    assert done.returncode == 0, done.stderr
+    rows = {r["group"]: r["runs"] for r in json.loads(output.read_text())["rows"]}
+    few, many = (rows[f"relative error, cloud-1e4, at {spp} spp"][0] for spp in (8, 32))
+    assert many < few
+    assert rows["equal error, cloud-1e4, clock"][0] > 0
+    assert (tmp_path / "equal" / "equal.md").read_text().count("cloud-1e4") == 1
 
 
 def test_mistakes_end_with_2_and_one_line(tmp_path: Path):

@@ -1,0 +1,221 @@
+"""The group `equal`: seconds to the same error, by renderer, on each scene of the gallery.
+
+Error is relative: the mean over pixels and channels of (x - r)^2 / (r^2 + (0.1 m)^2), where r is
+the renderer's own converged picture and m the mean of that; the second term keeps black pixels from
+counting without bound. Nothing is clipped. As a few fireflies may be most of it, the trimmed error,
+without the worst pixels, is measured too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from contextlib import ExitStack
+from dataclasses import dataclass
+from math import exp, log
+from pathlib import Path
+from statistics import fmean, median
+from typing import Any
+
+from .process import Worker
+from .scenes import BenchError
+from .summary import Row, markdown, ratios
+
+# The error to reach is that of ours at this many samples a pixel.
+SPP = 32
+
+# Seeds of references, far from those of the pictures that are compared with them.
+REFERENCE_SEED = 1_000_000
+
+# Share of the worst pixels that the trimmed error leaves out.
+TRIM = 1e-3
+
+
+@dataclass(frozen=True)
+class Run:
+    """One picture: samples a pixel, errors, and times in seconds."""
+
+    spp: int
+    error: float
+    trimmed: float
+    seconds: float
+    cpu: float
+
+
+def equal(plan: Any, notes: Any) -> list[Row]:
+    """Seconds and processor seconds to our error at SPP samples, ours and the peers', by scene."""
+    folder = plan.cache / "equal"
+    folder.mkdir(parents=True, exist_ok=True)
+    rows: list[Row] = []
+    found: list[list[str]] = []
+    for name in plan.scenes:
+        print(f"measuring: {name}", file=sys.stderr)
+        try:
+            found += _scene(plan, notes, name, folder, rows)
+        except BenchError as problem:
+            notes.add(f"equal, {name}: not measured: {problem}")
+        (folder / "equal.md").write_text(report(found) + "\n", encoding="utf-8")
+    return rows
+
+
+def report(found: list[list[str]]) -> str:
+    """A Markdown table, one line a scene and renderer. ~ marks what lies outside of the counts."""
+    times = ["error", "s (processor)", "ratio", "slope"]
+    head = ["scene", "renderer", *times, *(f"trimmed {word}" for word in times)]
+    return markdown([[*head, "spp", "us a sample", "prepare, s", "mean (R G B)"], *found])
+
+
+def relative_error(picture: Any, reference: Any) -> tuple[float, float]:
+    """See above; and the same without the share TRIM of pixels that have the largest."""
+    import numpy as np
+
+    r = reference.astype(np.float64)
+    error = (picture - r) ** 2 / (r**2 + (0.1 * r.mean()) ** 2)
+    each = np.sort(error.mean(axis=2), axis=None)
+    return float(each.mean()), float(each[: each.size - int(TRIM * each.size)].mean())
+
+
+def seconds_at(error: float, few: tuple[float, float], many: tuple[float, float]) -> float:
+    """Between two pictures' (error, seconds), on a straight line of their logarithms.
+
+    Outside of the two, error times seconds is taken to be that of the nearer one.
+    """
+    if error > few[0] or many[0] >= few[0]:
+        return few[1] * few[0] / error
+    if error < many[0]:
+        return many[1] * many[0] / error
+    share = log(few[0] / error) / log(few[0] / many[0])
+    return exp(log(few[1]) + share * log(many[1] / few[1]))
+
+
+def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> list[list[str]]:
+    """Adds to rows, and returns lines of the report."""
+    import numpy as np
+    from tests.reference_tools import side_by_side
+
+    from parhelion.flatten import flatten
+
+    from .gallery import load
+    from .measure import OURS, PEERS
+
+    pixels = plan.width * plan.height
+    scene = load(name, pixels)
+    s = scene.settings
+    job = {"scene": name, "pixels": pixels, "threads": plan.threads}
+    job |= {"width": s.width, "height": s.height, "depth": s.max_depth}
+    seen = f"{flatten(scene).sha256()} {scene.camera}"
+    path = folder / "part.npy"
+    with ExitStack() as stack:
+        workers: dict[str, Worker] = {}
+        references: dict[str, Any] = {}
+        for peer in (OURS, *plan.peers):
+            module, more = PEERS.get(peer, (OURS, {}))
+            try:
+                worker = Worker(module, job | more)
+                stack.callback(worker.close)
+                worker.render(1)
+                references[peer] = _reference(plan, worker, module, repr((seen, job)), folder)
+            except BenchError as problem:
+                if peer == OURS:
+                    raise
+                notes.add(f"equal, {name}: {peer} was not measured: {problem}")
+                continue
+            workers[peer] = worker
+            notes.versions.setdefault(peer, worker.known)
+
+        def measured(peer: str, spp: int, seed: int) -> Run:
+            # a renderer may take further seeds for parts of a picture
+            answer = workers[peer].render(spp, 1000 * seed, path)
+            errors = relative_error(np.load(path), references[peer])
+            return Run(spp, *errors, answer["seconds"], answer["cpu_seconds"])
+
+        first = [measured(OURS, SPP, seed) for seed in (101, 102, 103)]
+        targets = {e: fmean(getattr(run, e) for run in first) for e in ("error", "trimmed")}
+        counts = {}
+        for peer in workers:
+            # error times samples is about constant: from half to twice of what it should take
+            needed = SPP * measured(peer, SPP, 104).trimmed / targets["trimmed"]
+            many = min(max(4, round(2 * needed)), plan.reference_spp // 8)
+            counts[peer] = [many // 4, many]
+        runs: dict[str, list[list[Run]]] = {peer: [[], []] for peer in workers}
+        for turn in range(plan.rounds + 1):
+            for peer, pair in counts.items():
+                for k, spp in enumerate(pair):
+                    run = measured(peer, spp, turn)
+                    if turn:  # the first is not counted: it may compile
+                        runs[peer][k].append(run)
+    path.unlink()
+
+    lines = []
+    for peer, (few, many) in runs.items():
+        ours = runs[OURS]
+        times = {
+            (error, clock): _seconds(few, many, targets[error], error, clock)
+            for error in targets
+            for clock in ("seconds", "cpu")
+        }
+        pairs: dict[tuple[str, str], list[float]] = {}
+        for (error, clock), values in times.items():
+            base = _seconds(*ours, targets[error], error, clock)
+            pairs[error, clock] = ratios(values, base) if peer != OURS else []
+            words = f"equal {error}, {name}, {'clock' if clock == 'seconds' else 'processor'}"
+            asked = 2.0 if peer != OURS else None
+            rows.append(
+                Row(words, peer, "s", values, False, OURS, pairs[error, clock], least_ratio=asked)
+            )
+        for part in (few, many):
+            words = f"relative error, {name}, at {part[0].spp} spp"
+            rows.append(Row(words, peer, "", [r.error for r in part]))
+        lines.append([name if peer == OURS else "", peer])
+        for error, target in targets.items():
+            first, last = (fmean(getattr(r, error) for r in part) for part in (few, many))
+            outside = "" if last <= target <= first else "~"
+            seconds, cpu = (times[error, clock] for clock in ("seconds", "cpu"))
+            slope = log(last / first) / log(many[0].spp / few[0].spp)
+            lines[-1] += [f"{target:.1e}", f"{outside}{median(seconds):.3g} ({median(cpu):.3g})"]
+            if peer == OURS:
+                lines[-1].append("")
+            else:
+                ratio = [median(pairs[error, clock]) for clock in ("seconds", "cpu")]
+                lines[-1].append("{}{:.2f} ({:.2f})".format(outside, *ratio))
+            lines[-1].append(f"{slope:.2f}")
+        mean = references[peer].mean(axis=(0, 1)) / references[OURS].mean(axis=(0, 1))
+        sample = 1e6 * median(r.cpu for r in many) / (many[0].spp * s.width * s.height)
+        lines[-1] += [
+            f"{few[0].spp}, {many[0].spp}",
+            f"{sample:.2f}",
+            f"{workers[peer].known['prepare_seconds']:.2f}",
+            " ".join(f"{ratio:.3f}" for ratio in mean),
+        ]
+        if peer != OURS:
+            side_by_side(references[OURS], references[peer], folder / f"{name}, {peer}.png")
+    return lines
+
+
+def _seconds(few: list[Run], many: list[Run], target: float, error: str, clock: str) -> list[float]:
+    """Of each round, to the target, with the mean errors of all rounds."""
+    errors = [fmean(getattr(run, error) for run in part) for part in (few, many)]
+    return [
+        seconds_at(target, (errors[0], getattr(a, clock)), (errors[1], getattr(b, clock)))
+        for a, b in zip(few, many, strict=True)
+    ]
+
+
+def _reference(plan: Any, worker: Worker, module: str, seen: str, folder: Path) -> Any:
+    """The converged picture, from the cache if it has been made with the same code and scene.
+
+    One for all variants of a renderer.
+    """
+    import numpy as np
+
+    known = {k: worker.known.get(k) for k in ("version", "build")}
+    key = hashlib.sha256(repr((known, seen, plan.reference_spp)).encode())
+    for source in sorted((Path(__file__).parent / "renderers").glob(f"{module}*.py")):
+        key.update(source.read_bytes())
+    path = folder / f"{module}-{key.hexdigest()[:16]}.npy"
+    if not path.exists():
+        print(f"making the reference of {module}, {plan.reference_spp} spp", file=sys.stderr)
+        part = path.with_name("reference.npy")
+        worker.render(plan.reference_spp, REFERENCE_SEED, part)
+        part.replace(path)
+    return np.load(path)
