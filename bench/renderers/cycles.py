@@ -40,10 +40,12 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
             np.save(request["save"], read_pixels(picture)[..., :3])
         return clock.times()
 
-    # The first render builds the tree, which the next ones keep; what is left of a picture of one
-    # sample is rendering.
+    # The first render builds the tree, which the next ones keep.
     first, again = (render({"spp": 1, "seed": 0, "save": None})["seconds"] for _ in range(2))
-    known: dict[str, Any] = {"version": bpy.app.version_string, "prepare_seconds": first - again}
+    known: dict[str, Any] = {
+        "version": bpy.app.version_string,
+        "prepare_seconds": max(0.0, first - again),
+    }
     return known, render
 
 
