@@ -17,8 +17,9 @@ sys.path.insert(0, str(REPOSITORY))
 
 from bench.compare import compare, verdict  # noqa: E402
 from bench.equal import relative_error, seconds_at  # noqa: E402
+from bench.gallery import SCENES  # noqa: E402
 from bench.measure import alternate  # noqa: E402
-from bench.scenes import BenchError, read_weekend  # noqa: E402
+from bench.scenes import GALLERY, BenchError, read_weekend  # noqa: E402
 from bench.summary import Row, ratios, spread, table  # noqa: E402
 
 
@@ -190,6 +191,10 @@ def test_seconds_to_an_error_lie_on_the_line_through_both_measurements(
     error: float, seconds: float
 ):
     assert seconds_at(error, (0.4, 1.0), (0.1, 4.0)) == pytest.approx(seconds)
+
+
+def test_the_command_offers_every_scene_of_the_gallery():
+    assert tuple(SCENES) == GALLERY
 
 
 def test_equal_error_of_a_cloud_without_peers(tmp_path: Path):
