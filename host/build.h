@@ -1,9 +1,18 @@
-// Building the tree: top-down, by the surface area heuristic over binned centres, straight into
-// nodes of sixteen children.
+// Building the tree: top-down, by the surface area heuristic, into nodes of sixteen children.
+//
+// Primitives are first sorted into the cells of a grid, from which two or three levels of nodes are
+// made at once, and their parts into cells of their own, until some hundred are left, which are
+// divided two by two. What is sorted are numbers of primitives, whose boxes are made when they are
+// asked for; only parts that caches hold are copied. Nothing is kept but the order that results,
+// the nodes, and how many primitives each leaf has; nodes and blocks are then written where the
+// scene has them.
 //
 // The tree depends on the primitives alone, not on the number of threads: sums over parts are only
-// minima, maxima and counts, which no order changes, and the split into parallel jobs is by size.
+// minima, maxima and counts, which no order changes, sorting keeps the order within a cell, and the
+// split into parallel jobs is by size.
 #pragma once
+#include <omp.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,6 +21,12 @@
 #include <vector>
 
 #include "../core/view.h"
+#include "array.h"
+#include "threads.h"
+
+#if defined(__SSE2__)
+#include <emmintrin.h>
+#endif
 
 namespace parhelion {
 
@@ -19,126 +34,640 @@ struct Aabb {
   float low[3] = {INFINITY, INFINITY, INFINITY};
   float high[3] = {-INFINITY, -INFINITY, -INFINITY};
 
-  void grow(const Aabb& b) {
-    for (int k = 0; k < 3; ++k) {
-      low[k] = std::min(low[k], b.low[k]);
-      high[k] = std::max(high[k], b.high[k]);
-    }
-  }
   void grow(const float (&p)[3]) {
     for (int k = 0; k < 3; ++k) {
       low[k] = std::min(low[k], p[k]);
       high[k] = std::max(high[k], p[k]);
     }
   }
+};
+
+// What the tree is built over: a primitive's box, its number in its group, and the user's shape
+// that it belongs to.
+struct Ref {
+  float low[3];
+  u32 id;
+  float high[3];
+  u32 shape;
+};
+
+// Three coordinates at once; the fourth lane means nothing.
+#if defined(__SSE2__)
+struct Point {
+  __m128 v;
+  static Point all(float x) { return {_mm_set1_ps(x)}; }
+  // p[3] may be anything, so it is masked: arithmetic on what is no number may be slow.
+  static Point of(const float* p) {
+    const __m128i mask = _mm_set_epi32(0, -1, -1, -1);
+    return {_mm_and_ps(_mm_loadu_ps(p), _mm_castsi128_ps(mask))};
+  }
+  void store(float (&p)[4]) const { _mm_storeu_ps(p, v); }
+  friend Point min(Point a, Point b) { return {_mm_min_ps(a.v, b.v)}; }
+  friend Point max(Point a, Point b) { return {_mm_max_ps(a.v, b.v)}; }
+  friend Point operator+(Point a, Point b) { return {_mm_add_ps(a.v, b.v)}; }
+  friend Point operator-(Point a, Point b) { return {_mm_sub_ps(a.v, b.v)}; }
+  friend Point operator*(Point a, Point b) { return {_mm_mul_ps(a.v, b.v)}; }
+};
+#else
+struct Point {
+  float v[4];
+  static Point all(float x) { return {{x, x, x, x}}; }
+  static Point of(const float* p) { return {{p[0], p[1], p[2], 0.0f}}; }
+  void store(float (&p)[4]) const { std::copy(v, v + 4, p); }
+  template <class F>
+  static Point each(Point a, Point b, F f) {
+    for (int k = 0; k < 4; ++k) a.v[k] = f(a.v[k], b.v[k]);
+    return a;
+  }
+  friend Point min(Point a, Point b) {
+    return each(a, b, [](float x, float y) { return x < y ? x : y; });
+  }
+  friend Point max(Point a, Point b) {
+    return each(a, b, [](float x, float y) { return x > y ? x : y; });
+  }
+  friend Point operator+(Point a, Point b) {
+    return each(a, b, [](float x, float y) { return x + y; });
+  }
+  friend Point operator-(Point a, Point b) {
+    return each(a, b, [](float x, float y) { return x - y; });
+  }
+  friend Point operator*(Point a, Point b) {
+    return each(a, b, [](float x, float y) { return x * y; });
+  }
+};
+#endif
+
+inline Point center_of(const Ref& r) {
+  return (Point::of(r.low) + Point::of(r.high)) * Point::all(0.5f);
+}
+inline float center_of(const Ref& r, int axis) { return 0.5f * (r.low[axis] + r.high[axis]); }
+
+// A box that grows.
+struct Extent {
+  Point low = Point::all(INFINITY), high = Point::all(-INFINITY);
+
+  void grow(Point p) {
+    low = min(low, p);
+    high = max(high, p);
+  }
+  void grow(const Ref& r) {
+    low = min(low, Point::of(r.low));
+    high = max(high, Point::of(r.high));
+  }
+  void grow(const Extent& e) {
+    low = min(low, e.low);
+    high = max(high, e.high);
+  }
+  Aabb box() const {
+    float a[4], b[4];
+    low.store(a);
+    high.store(b);
+    return {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}};
+  }
   // Half the surface; 0 for an empty box.
   float half_area() const {
-    if (!(low[0] <= high[0])) return 0.0f;
-    const float x = high[0] - low[0], y = high[1] - low[1], z = high[2] - low[2];
-    return x * y + y * z + z * x;
+    float s[4];
+    max(high - low, Point::all(0.0f)).store(s);
+    return s[0] * s[1] + s[1] * s[2] + s[2] * s[0];
   }
 };
 
-// The blocks of every kind of shape.
-struct Blocks {
-#define SHAPE(name, Type) std::vector<Type##Block> name##s;
-#include "../core/shapes.def"
-#undef SHAPE
-};
+// By kind of shape; instances have no blocks.
+using KindCounts = std::array<u32, 8>;
 
-// What the tree is built over: a primitive's box, its id, and the user's shape that it belongs to.
-struct Ref {
-  Aabb box;
-  u32 id;
-  u32 shape;
-
-  float center(int axis) const { return 0.5f * (box.low[axis] + box.high[axis]); }
-};
-
-// `Leaves` knows the primitives: `kind(ref)`, and `append(refs, n, blocks)`, which makes a leaf of
-// up to sixteen of one kind and returns it, its index counted from the start of `blocks`. Instances
-// are leaves by themselves, and their index is final.
+// `Leaves` knows the primitives by their numbers: `ref(i)`, and `prefetch(i)` before it;
+// `kind(ref)`; and `write(kind, ids, n, index)`, which makes block `index` of up to sixteen of one
+// kind. Instances are leaves by themselves: `instance_leaf(ref)`.
 template <class Leaves>
 class TreeBuilder {
  public:
-  TreeBuilder(std::vector<Ref>& refs, const Leaves& leaves) : refs_(refs), leaves_(leaves) {}
+  TreeBuilder(size_t count, const Leaves& leaves) : count_(count), leaves_(leaves) {}
 
-  // Results; `root` is meaningless without references.
-  std::vector<Node> nodes;
-  Blocks blocks;
-  Child root = 0;
-  Aabb bounds;
-
-  void build() {
-    if (refs_.empty()) return;
-    Part all = measure({0, refs_.size(), {}, {}});
-    bounds = all.box;
-    std::vector<Job> jobs;
-    std::vector<Node> top;
-    root = expand(all, 0, top, jobs);
-    std::vector<Subtree> parts(jobs.size());
-#pragma omp parallel for schedule(dynamic, 1) if (jobs.size() > 1)
-    for (size_t i = 0; i < jobs.size(); ++i) {
-      parts[i].root = subtree(jobs[i].part, jobs[i].depth, parts[i].nodes, parts[i].blocks);
+  // Makes the tree, apart from what write() writes. Returns the first primitive without a box, or
+  // the count; with one, there is no tree.
+  size_t plan() {
+    order_ = Array<u32>(count_);
+    Extent box, centers;
+    size_t lost = count_;
+#pragma omp parallel if (count_ > kFewElements)
+    {
+      Extent my_box, my_centers;
+      size_t my_lost = count_;
+#pragma omp for nowait
+      for (size_t i = 0; i < count_; ++i) {
+        order_[i] = static_cast<u32>(i);
+        const Ref r = leaves_.ref(i);
+        my_box.grow(r);
+        my_centers.grow(center_of(r));
+        for (int k = 0; k < 3; ++k) {
+          if (!(r.low[k] <= r.high[k])) my_lost = std::min(my_lost, i);
+        }
+      }
+#pragma omp critical(parhelion_measure)
+      {
+        box.grow(my_box);
+        centers.grow(my_centers);
+        lost = std::min(lost, my_lost);
+      }
     }
-    join(std::move(top), jobs, parts);
+    if (lost < count_) return lost;
+    bounds_ = box.box();
+    if (count_ > 0) divide_all(centers);
+    count_up();
+    return lost;
+  }
+
+  Aabb bounds() const { return bounds_; }
+  size_t node_count() const { return node_count_; }
+  // Leaves that are blocks.
+  const std::array<size_t, 8>& block_count() const { return block_count_; }
+
+  // Writes the nodes, whose first is the scene's node `node_base`, and the blocks, from block_base
+  // of each kind on. Returns the root, and gives back the memory that was used.
+  Child write(Node* nodes, u32 node_base, const KindCounts& block_base) {
+    if (count_ == 0) {
+      const u32 block = block_base[static_cast<u32>(ShapeKind::sphere)];
+      leaves_.write(ShapeKind::sphere, nullptr, 0, block);  // a leaf that nothing hits
+      return make_leaf(ShapeKind::sphere, block);
+    }
+    std::vector<u32> first_node(jobs_.size());
+    std::vector<KindCounts> first_block(jobs_.size());
+    u32 next_node = node_base + static_cast<u32>(top_.size());
+    KindCounts next_block = block_base;
+    for (size_t i = 0; i < jobs_.size(); ++i) {
+      first_node[i] = next_node;
+      first_block[i] = next_block;
+      next_node += static_cast<u32>(jobs_[i].made.nodes.size());
+      for (size_t k = 0; k < 8; ++k) next_block[k] += jobs_[i].made.blocks[k];
+    }
+    Child root = node_base;
+    for (Node& n : top_) {
+      for (Child& c : n.child) c += node_base;  // what has a job below it is set next
+    }
+    for (size_t i = 0; i < jobs_.size(); ++i) {
+      const Job& job = jobs_[i];
+      const Child c = moved(job.made.root, first_node[i], first_block[i]);
+      if (job.node == kNoNode) {
+        root = c;
+      } else {
+        top_[job.node].child[job.lane] = c;
+      }
+    }
+    std::copy(top_.begin(), top_.end(), nodes);
+#pragma omp parallel for schedule(dynamic, 1) if (jobs_.size() > 1)
+    for (size_t i = 0; i < jobs_.size(); ++i) {
+      const Local& made = jobs_[i].made;
+      Node* to = nodes + (first_node[i] - node_base);
+      for (const Node& n : made.nodes) {
+        *to = n;
+        for (int lane = 0; lane < 16; ++lane) {
+          if (n.low[0][lane] <= n.high[0][lane]) {
+            to->child[lane] = moved(n.child[lane], first_node[i], first_block[i]);
+          }
+        }
+        ++to;
+      }
+      KindCounts block = first_block[i];
+      const u32* ids = order_.data() + jobs_[i].first;
+      const u32* const end = ids + jobs_[i].size;
+      for (const Leaf& leaf : made.leaves) {
+        const u32* const next = ids + leaf.count;
+        for (size_t k = 0; k < kLeafSize && next + k < end; ++k) leaves_.prefetch(next[k]);
+        if (leaf.kind != ShapeKind::instance) {
+          leaves_.write(leaf.kind, ids, leaf.count, block[static_cast<u32>(leaf.kind)]++);
+        }
+        ids = next;
+      }
+      jobs_[i].made = Local();
+    }
+    order_ = Array<u32>();
+    return root;
   }
 
  private:
   static constexpr size_t kLeafSize = 16;
-  static constexpr double kUsualLeaf = 11.0;  // references in a leaf, as measured on average
+  static constexpr double kUsualLeaf = 15.0;  // primitives in a leaf, as measured on average
   static constexpr int kBins = 16;
-  // Below this many references a subtree is one thread's job.
-  static constexpr size_t kJobSize = 4096;
+  // Below this many primitives a subtree is one thread's job; of more primitives than kLargeJob
+  // none is, as they are copied.
+  static constexpr size_t kJobSize = 4096, kLargeJob = size_t{1} << 19;
+  // Grids have a cell for so many primitives on average, and at most kMostCells. A node is made of
+  // no fewer than kCellsANode cells, and of fewer primitives than kGridSize by bins, which
+  // are finer.
+  static constexpr size_t kPerCell = 8, kMostCells = 32768, kCellsANode = 512, kGridSize = 1024;
+  // Primitives are fetched so many before they are looked at.
+  static constexpr size_t kAhead = 16;
+  static constexpr size_t kNoNode = std::numeric_limits<size_t>::max();
 
-  struct Part {
-    size_t first, last;
-    Aabb box, centers;
-    size_t size() const { return last - first; }
+  // In the order of its primitives.
+  struct Leaf {
+    ShapeKind kind;
+    u32 count;
   };
-  struct Job {
-    Part part;
+  // A tree below a part; its indices are counted from its own first node and blocks. The
+  // primitives of its leaves go where those of the part were.
+  struct Local {
+    std::vector<Node> nodes;
+    std::vector<Leaf> leaves;
+    KindCounts blocks{};
+    Child root = 0;
+    u32* next = nullptr;
+  };
+  // What lies below a lane of a node: primitives [first, first + size) of those that are divided.
+  struct Open {
+    size_t first, size;
     int depth;
     size_t node;
     int lane;
   };
-  struct Subtree {
-    std::vector<Node> nodes;
-    Blocks blocks;
-    Child root = 0;
+  struct Job : Open {
+    Local made;
+  };
+  struct Part {
+    Ref* refs;
+    size_t size;
+    Extent box, centers;
   };
   struct Bin {
-    Aabb box, centers;
+    Extent box;
     size_t count = 0;
     void grow(const Bin& b) {
       box.grow(b.box);
-      centers.grow(b.centers);
       count += b.count;
     }
   };
 
-  std::vector<Ref>& refs_;
+  const size_t count_;
   const Leaves& leaves_;
+  Array<u32> order_;
+  std::vector<Node> top_;
+  std::vector<Job> jobs_;
+  Aabb bounds_{{0, 0, 0}, {0, 0, 0}};
+  size_t node_count_ = 0;
+  std::array<size_t, 8> block_count_{};
 
-  // Bounds of a part's boxes and of their centres.
-  Part measure(Part p) {
-    Bin sum;
-#pragma omp parallel if (p.size() > kJobSize)
-    {
-      Bin mine;
-#pragma omp for nowait
-      for (size_t i = p.first; i < p.last; ++i) add_to(mine, refs_[i]);
-#pragma omp critical(parhelion_measure)
-      sum.grow(mine);
-    }
-    return {p.first, p.last, sum.box, sum.centers};
+  static Child moved(Child c, u32 node_base, const KindCounts& block_base) {
+    return c & kLeafBit ? c + block_base[static_cast<u32>(leaf_kind(c))] : c + node_base;
   }
 
-  static void add_to(Bin& bin, const Ref& ref) {
-    bin.box.grow(ref.box);
-    const float center[3] = {ref.center(0), ref.center(1), ref.center(2)};
-    bin.centers.grow(center);
-    ++bin.count;
+  void count_up() {
+    node_count_ = top_.size();
+    block_count_[static_cast<u32>(ShapeKind::sphere)] = count_ == 0;
+    for (const Job& job : jobs_) {
+      node_count_ += job.made.nodes.size();
+      for (size_t k = 0; k < 8; ++k) block_count_[k] += job.made.blocks[k];
+    }
+  }
+
+  // Divides parts that are too large for one thread by all of them, then gives each thread some.
+  void divide_all(const Extent& centers) {
+    std::vector<Open> todo = {{0, count_, 0, kNoNode, 0}};
+    while (!todo.empty()) {
+      const Open part = todo.back();
+      todo.pop_back();
+      if (part.size <= (part.depth == 0 ? kJobSize : kLargeJob) ||
+          !divide_large(part, centers, todo)) {
+        jobs_.push_back({part, {}});
+      }
+    }
+#pragma omp parallel if (jobs_.size() > 1)
+    {
+      std::vector<Ref> refs, spare;
+#pragma omp for schedule(dynamic, 1)
+      for (size_t i = 0; i < jobs_.size(); ++i) {
+        Job& job = jobs_[i];
+        refs.resize(job.size);
+        spare.resize(job.size);
+        const u32* ids = order_.data() + job.first;
+        for (size_t k = 0; k < job.size; ++k) {
+          if (k + kAhead < job.size) leaves_.prefetch(ids[k + kAhead]);
+          refs[k] = leaves_.ref(ids[k]);
+        }
+        job.made.next = order_.data() + job.first;
+        job.made.root = subtree(refs.data(), spare.data(), job.size, job.depth, job.made);
+        job.made.nodes.shrink_to_fit();
+        job.made.leaves.shrink_to_fit();
+      }
+    }
+  }
+
+  // centers: of all primitives.
+  bool divide_large(const Open& part, Extent centers, std::vector<Open>& todo) {
+    u32* const ids = order_.data() + part.first;
+    if (part.depth > 0) {
+      centers = Extent();
+#pragma omp parallel
+      {
+        Extent mine;
+#pragma omp for nowait
+        for (size_t i = 0; i < part.size; ++i) mine.grow(center_of(leaves_.ref(ids[i])));
+#pragma omp critical(parhelion_measure)
+        centers.grow(mine);
+      }
+    }
+    Array<u32> sorted(part.size);
+    std::vector<Open> below;
+    const size_t old_size = top_.size();
+    if (!divide(ids, sorted.data(), part.size, centers, part.depth, kJobSize, top_, below)) {
+      return false;
+    }
+    if (part.node != kNoNode) top_[part.node].child[part.lane] = static_cast<Child>(old_size);
+    if (part.size == count_) {
+      std::swap(order_, sorted);
+    } else {
+      std::copy(sorted.begin(), sorted.end(), ids);
+    }
+    for (auto p = below.rbegin(); p != below.rend(); ++p) {
+      todo.push_back({part.first + p->first, p->size, p->depth, p->node, p->lane});
+    }
+    return true;
+  }
+
+  // --- Grids
+  // --------------------------------------------------------------------------------------
+
+  Ref ref_of(u32 id) const { return leaves_.ref(id); }
+  const Ref& ref_of(const Ref& r) const { return r; }
+
+  // Cells about as long as wide, over the centres of n primitives.
+  struct Grid {
+    Point low, scale, last;
+    u32 size[3] = {1, 1, 1};
+
+    Grid(const Extent& centers, size_t n) : low(centers.low) {
+      float extent[4];
+      (centers.high - centers.low).store(extent);
+      const double wanted = static_cast<double>(std::clamp(n / kPerCell, kCellsANode, kMostCells));
+      bool wide[3];
+      for (int k = 0; k < 3; ++k) wide[k] = extent[k] > 0.0f;
+      // An axis of less than a cell is left out, and the others have its cells.
+      double side = 0.0;
+      for (bool again = true; again;) {
+        double volume = 1.0;
+        int axes = 0;
+        for (int k = 0; k < 3; ++k) {
+          if (wide[k]) volume *= static_cast<double>(extent[k]), ++axes;
+        }
+        if (axes == 0) break;
+        side = std::pow(volume / wanted, 1.0 / axes);
+        again = false;
+        for (int k = 0; k < 3; ++k) {
+          if (wide[k] && static_cast<double>(extent[k]) < side) wide[k] = false, again = true;
+        }
+      }
+      float s[4] = {}, l[4] = {};
+      for (int k = 0; k < 3; ++k) {
+        if (!wide[k] || !(side > 0.0)) continue;
+        size[k] = static_cast<u32>(static_cast<double>(extent[k]) / side);
+        const float a = static_cast<float>(size[k]) * (1.0f - 1e-6f) / extent[k];
+        if (!std::isfinite(a)) {
+          size[k] = 1;
+          continue;
+        }
+        s[k] = a;
+        l[k] = static_cast<float>(size[k] - 1);
+      }
+      scale = Point::of(s);
+      last = Point::of(l);
+    }
+
+    size_t count() const { return size_t{size[0]} * size[1] * size[2]; }
+    u32 index(u32 x, u32 y, u32 z) const { return x + size[0] * (y + size[1] * z); }
+    u32 cell_of(const Ref& r) const {
+      float c[4];
+      min((center_of(r) - low) * scale, last).store(c);
+      return index(static_cast<u32>(c[0]), static_cast<u32>(c[1]), static_cast<u32>(c[2]));
+    }
+  };
+
+  // Those of a grid's cells that lie in a box of them.
+  struct Cells {
+    u32 low[3], high[3];
+    Bin sum;
+    bool whole;  // cannot be divided
+
+    size_t cells() const {
+      return size_t{high[0] - low[0]} * (high[1] - low[1]) * (high[2] - low[2]);
+    }
+  };
+
+  // The nodes over `items`, which go to `sorted` by what is below: primitives or numbers of these.
+  // The first node is the uppermost. A part of no more than `enough` is not divided. False, where
+  // all centres are one, or the tree so deep that its depth must be bounded.
+  template <class Item>
+  bool divide(const Item* items, Item* sorted, size_t n, const Extent& centers, int depth,
+              size_t enough, std::vector<Node>& nodes, std::vector<Open>& below) const {
+    if (depth > kMaxTreeDepth / 2) return false;
+    const Grid grid(centers, n);
+    const size_t cells = grid.count();
+    if (cells < 2) return false;
+    constexpr bool threads = std::is_same_v<Item, u32>;  // a part of refs is one thread's
+    const size_t chunks = threads ? static_cast<size_t>(omp_get_max_threads()) : 1;
+    const auto start = [&](size_t chunk) { return n * chunk / chunks; };
+    std::vector<std::uint16_t> cell_of(n);
+    std::vector<std::vector<Bin>> bins(chunks);
+#pragma omp parallel for schedule(static, 1) if (threads)
+    for (size_t t = 0; t < chunks; ++t) {
+      bins[t].resize(cells);
+      for (size_t i = start(t), end = start(t + 1); i < end; ++i) {
+        const Ref& r = ref_of(items[i]);
+        const u32 c = grid.cell_of(r);
+        cell_of[i] = static_cast<std::uint16_t>(c);
+        bins[t][c].box.grow(r);
+        ++bins[t][c].count;
+      }
+    }
+    std::vector<Bin> merged;
+    const std::vector<Bin>* total = &bins[0];
+    if (chunks > 1) {
+      merged = bins[0];
+      for (size_t t = 1; t < chunks; ++t) {
+        for (size_t c = 0; c < cells; ++c) merged[c].grow(bins[t][c]);
+      }
+      total = &merged;
+    }
+
+    Cells all{{0, 0, 0}, {grid.size[0], grid.size[1], grid.size[2]}, {}, false};
+    for (const Bin& b : *total) all.sum.grow(b);
+    std::vector<std::uint16_t> part_of(cells);
+    node_over(grid, *total, all, depth, enough, nodes, below, part_of);
+
+    std::vector<std::vector<size_t>> next(chunks, std::vector<size_t>(below.size()));
+    for (size_t t = 0; t < chunks; ++t) {
+      for (size_t c = 0; c < cells; ++c) next[t][part_of[c]] += bins[t][c].count;
+    }
+    size_t first = 0;
+    for (size_t p = 0; p < below.size(); ++p) {
+      below[p].first = first;
+      for (size_t t = 0; t < chunks; ++t) {
+        const size_t size = next[t][p];
+        next[t][p] = first;
+        first += size;
+      }
+    }
+#pragma omp parallel for schedule(static, 1) if (threads)
+    for (size_t t = 0; t < chunks; ++t) {
+      for (size_t i = start(t), end = start(t + 1); i < end; ++i) {
+        sorted[next[t][part_of[cell_of[i]]]++] = items[i];
+      }
+    }
+    return true;
+  }
+
+  Child node_over(const Grid& grid, const std::vector<Bin>& bins, const Cells& all, int depth,
+                  size_t enough, std::vector<Node>& nodes, std::vector<Open>& below,
+                  std::vector<std::uint16_t>& part_of) const {
+    Cells child[16];
+    const int count = children_of(grid, bins, all, child);
+    const size_t index = nodes.size();
+    nodes.push_back(empty_node());
+    for (int i = 0; i < count; ++i) {
+      const Cells& c = child[i];
+      set_box(nodes[index], i, c.sum.box);
+      if (c.sum.count > enough && c.cells() >= kCellsANode && !c.whole &&
+          depth < kMaxTreeDepth / 2) {
+        const Child made = node_over(grid, bins, c, depth + 1, enough, nodes, below, part_of);
+        nodes[index].child[i] = made;
+        continue;
+      }
+      for (u32 z = c.low[2]; z < c.high[2]; ++z) {
+        for (u32 y = c.low[1]; y < c.high[1]; ++y) {
+          for (u32 x = c.low[0]; x < c.high[0]; ++x) {
+            part_of[grid.index(x, y, z)] = static_cast<std::uint16_t>(below.size());
+          }
+        }
+      }
+      below.push_back({0, c.sum.count, depth + 1, index, i});
+    }
+    return static_cast<Child>(index);
+  }
+
+  // How many children a part of n primitives has, such that the levels below are filled evenly:
+  // sixteen each from the top would leave the last level of nodes two or three leaves. A child of
+  // more than `most` would have one level more below it than the others.
+  struct Fanout {
+    int wanted;
+    size_t most;
+
+    explicit Fanout(size_t n) {
+      const double leaves = static_cast<double>(n) / kUsualLeaf;
+      int levels = 1;
+      double capacity = 16.0;
+      for (; capacity < leaves; capacity *= 16.0) ++levels;
+      wanted = std::clamp(static_cast<int>(std::ceil(std::pow(leaves, 1.0 / levels))), 2, 16);
+      most = levels == 1 ? kLeafSize : static_cast<size_t>(capacity / 16.0 * kUsualLeaf);
+    }
+  };
+
+  // Which part to divide next: of those that are too large, else of all while more are wanted, the
+  // one of largest surface. -1: none.
+  template <class P>
+  static int next_of(const P* child, int count, const Fanout& fanout) {
+    int next = -1;
+    float largest = -1.0f;
+    bool large = false;
+    for (int i = 0; i < count && count < 16; ++i) {
+      const size_t n = size_of(child[i]);
+      const bool too_large = n > fanout.most;
+      if (n <= kLeafSize || (!too_large && (large || count >= fanout.wanted))) continue;
+      const float size = surface_of(child[i]);
+      if (size > largest || (too_large && !large)) next = i, largest = size, large = too_large;
+    }
+    return next;
+  }
+  static size_t size_of(const Cells& c) { return c.whole ? 0 : c.sum.count; }
+  static float surface_of(const Cells& c) { return c.sum.box.half_area(); }
+  static size_t size_of(const Part& p) { return p.size; }
+  static float surface_of(const Part& p) { return p.box.half_area(); }
+
+  // Up to sixteen parts, made by dividing one of them again and again.
+  int children_of(const Grid& grid, const std::vector<Bin>& bins, const Cells& all,
+                  Cells (&child)[16]) const {
+    const Fanout fanout(all.sum.count);
+    int count = 1;
+    child[0] = all;
+    for (int next; (next = next_of(child, count, fanout)) >= 0;) {
+      if (split(grid, bins, child[next], child[count])) ++count;
+    }
+    return count;
+  }
+
+  // Divides cells in two of the least expected cost, of which the second goes to `right`.
+  bool split(const Grid& grid, const std::vector<Bin>& bins, Cells& left, Cells& right) const {
+    std::vector<Bin> slab[3];
+    for (size_t k = 0; k < 3; ++k) slab[k].resize(left.high[k] - left.low[k]);
+    for (u32 z = left.low[2]; z < left.high[2]; ++z) {
+      for (u32 y = left.low[1]; y < left.high[1]; ++y) {
+        Bin row;
+        for (u32 x = left.low[0]; x < left.high[0]; ++x) {
+          const Bin& b = bins[grid.index(x, y, z)];
+          if (b.count == 0) continue;
+          slab[0][x - left.low[0]].grow(b);
+          row.grow(b);
+        }
+        slab[1][y - left.low[1]].grow(row);
+        slab[2][z - left.low[2]].grow(row);
+      }
+    }
+    int best_axis = -1;
+    size_t best_cut = 0;
+    float best_cost = INFINITY;
+    for (int k = 0; k < 3; ++k) {
+      size_t cut = 0;
+      const float cost = best_of(slab[k].data(), slab[k].size(), cut);
+      if (cost < best_cost) best_cost = cost, best_axis = k, best_cut = cut;
+    }
+    if (best_axis < 0) {
+      left.whole = true;
+      return false;
+    }
+    right = left;
+    left.high[best_axis] = right.low[best_axis] = left.low[best_axis] + static_cast<u32>(best_cut);
+    left.sum = right.sum = Bin();
+    for (size_t i = 0; i < slab[best_axis].size(); ++i) {
+      (i < best_cut ? left : right).sum.grow(slab[best_axis][i]);
+    }
+    return true;
+  }
+
+  static float cost(const Extent& box, size_t count) {
+    return box.half_area() * static_cast<float>((count + kLeafSize - 1) / kLeafSize);
+  }
+
+  // The least expected cost of dividing bins into those before a cut and those after; infinite
+  // if one side would be empty. Sixteen primitives are as soon tested as one.
+  static float best_of(const Bin* bins, size_t n, size_t& best) {
+    float best_cost = INFINITY;
+    constexpr size_t kFew = 64;
+    float few[kFew];
+    std::vector<float> many;
+    float* after = few;  // of what lies from bin i on
+    if (n > kFew) many.resize(n), after = many.data();
+    Bin sum;
+    for (size_t i = n; i-- > 1;) {
+      sum.grow(bins[i]);
+      after[i] = sum.count > 0 ? cost(sum.box, sum.count) : INFINITY;
+    }
+    sum = Bin();
+    for (size_t i = 1; i < n; ++i) {
+      sum.grow(bins[i - 1]);
+      if (sum.count == 0) continue;
+      const float c = cost(sum.box, sum.count) + after[i];
+      if (c < best_cost) best_cost = c, best = i;
+    }
+    return best_cost;
+  }
+
+  // --- Few primitives
+  // -----------------------------------------------------------------------------
+
+  static Part measure(Ref* refs, size_t n) {
+    Part p{refs, n, {}, {}};
+    for (size_t i = 0; i < n; ++i) {
+      p.box.grow(refs[i]);
+      p.centers.grow(center_of(refs[i]));
+    }
+    return p;
   }
 
   static int bin_of(float x, float low, float scale) {
@@ -147,120 +676,108 @@ class TreeBuilder {
 
   // Divides a part in two of the least expected cost; by the middle one where centres coincide, or
   // where the tree would become too deep.
-  void split(const Part& p, bool by_count, Part& left, Part& right) {
-    int best_axis = -1, best_bin = 0;
-    float best_cost = std::numeric_limits<float>::infinity();
-    Bin bins[3][kBins];
-    float scale[3];
+  static void split(const Part& p, bool by_count, Part& left, Part& right) {
+    float low[4], extent[4], scale[4] = {};
+    p.centers.low.store(low);
+    (p.centers.high - p.centers.low).store(extent);
     for (int k = 0; k < 3; ++k) {
-      const float extent = p.centers.high[k] - p.centers.low[k];
-      scale[k] = extent > 0.0f ? kBins * (1.0f - 1e-6f) / extent : 0.0f;
+      scale[k] = extent[k] > 0.0f ? kBins * (1.0f - 1e-6f) / extent[k] : 0.0f;
       if (!std::isfinite(scale[k])) scale[k] = 0.0f;
     }
+    int axis = -1;
+    size_t best_bin = 0;
     if (!by_count) {
-      fill_bins(p, scale, bins);
-      for (int k = 0; k < 3; ++k) {
-        if (scale[k] == 0.0f) continue;
-        float area_right[kBins];
-        size_t count_right[kBins];
-        Bin sum;
-        for (int i = kBins - 1; i > 0; --i) {
-          sum.grow(bins[k][i]);
-          area_right[i] = sum.box.half_area();
-          count_right[i] = sum.count;
-        }
-        sum = Bin();
-        for (int i = 1; i < kBins; ++i) {
-          sum.grow(bins[k][i - 1]);
-          if (sum.count == 0 || count_right[i] == 0) continue;
-          const float cost = sum.box.half_area() * static_cast<float>(sum.count) +
-                             area_right[i] * static_cast<float>(count_right[i]);
-          if (cost < best_cost) best_cost = cost, best_axis = k, best_bin = i;
+      Bin bins[3][kBins];
+      const Point base = p.centers.low, factor = Point::of(scale),
+                  last = Point::all(static_cast<float>(kBins - 1));
+      for (size_t i = 0; i < p.size; ++i) {
+        const Ref& r = p.refs[i];
+        float at[4];
+        min((center_of(r) - base) * factor, last).store(at);
+        for (int k = 0; k < 3; ++k) {
+          Bin& bin = bins[k][static_cast<int>(at[k])];
+          bin.box.grow(r);
+          ++bin.count;
         }
       }
+      float best_cost = INFINITY;
+      for (int k = 0; k < 3; ++k) {
+        size_t cut = 0;
+        if (scale[k] == 0.0f) continue;
+        const float c = best_of(bins[k], kBins, cut);
+        if (c < best_cost) best_cost = c, axis = k, best_bin = cut;
+      }
     }
-    if (best_axis < 0) {
-      split_by_count(p, left, right);
+    if (axis < 0) {
+      split_by_count(p, extent, left, right);
       return;
     }
-    const float low = p.centers.low[best_axis], s = scale[best_axis];
-    const auto middle = std::partition(
-        refs_.begin() + static_cast<std::ptrdiff_t>(p.first),
-        refs_.begin() + static_cast<std::ptrdiff_t>(p.last),
-        [&](const Ref& r) { return bin_of(r.center(best_axis), low, s) < best_bin; });
-    const size_t cut = static_cast<size_t>(middle - refs_.begin());
-    Bin sum_left, sum_right;
-    for (int i = 0; i < kBins; ++i) (i < best_bin ? sum_left : sum_right).grow(bins[best_axis][i]);
-    left = {p.first, cut, sum_left.box, sum_left.centers};
-    right = {cut, p.last, sum_right.box, sum_right.centers};
+    const float start = low[axis], s = scale[axis];
+    Ref* const middle = std::partition(p.refs, p.refs + p.size, [&](const Ref& r) {
+      return bin_of(center_of(r, axis), start, s) < static_cast<int>(best_bin);
+    });
+    const size_t cut = static_cast<size_t>(middle - p.refs);
+    left = measure(p.refs, cut);
+    right = measure(middle, p.size - cut);
+    fill_leaves(p, axis, left, right);
   }
 
-  void split_by_count(const Part& p, Part& left, Part& right) {
+  // Moves the cut to where one block fewer is needed, unless that costs more; primitives whose
+  // centres are one stay together.
+  static void fill_leaves(const Part& p, int axis, Part& left, Part& right) {
+    const auto blocks = [](size_t n) { return (n + kLeafSize - 1) / kLeafSize; };
+    if (p.size > kGridSize || blocks(left.size) + blocks(right.size) == blocks(p.size)) return;
+    const size_t below = left.size / kLeafSize * kLeafSize;
+    const size_t over = p.size - right.size / kLeafSize * kLeafSize;
+    size_t cut = left.size - below < over - left.size ? below : over;
+    if (cut == 0) cut = over;
+    if (cut == p.size) cut = below;
+    if (cut == 0 || cut == p.size) return;
+    Ref* const from = cut < left.size ? left.refs : right.refs;
+    Ref* const to = cut < left.size ? right.refs : p.refs + p.size;
+    std::nth_element(from, p.refs + cut, to, [axis](const Ref& a, const Ref& b) {
+      return center_of(a, axis) < center_of(b, axis) ||
+             (center_of(a, axis) == center_of(b, axis) && a.id < b.id);
+    });
+    const Part full_left = measure(p.refs, cut), full_right = measure(p.refs + cut, p.size - cut);
+    float high[4], low[4];
+    full_left.centers.high.store(high);
+    full_right.centers.low.store(low);
+    if (high[axis] < low[axis] &&
+        cost(full_left.box, full_left.size) + cost(full_right.box, full_right.size) <=
+            cost(left.box, left.size) + cost(right.box, right.size)) {
+      left = full_left;
+      right = full_right;
+    }
+  }
+
+  static void split_by_count(const Part& p, const float (&extent)[4], Part& left, Part& right) {
     int axis = 0;
     for (int k = 1; k < 3; ++k) {
-      if (p.centers.high[k] - p.centers.low[k] > p.centers.high[axis] - p.centers.low[axis]) {
-        axis = k;
-      }
+      if (extent[k] > extent[axis]) axis = k;
     }
-    const size_t cut = p.first + p.size() / 2;
-    const auto begin = refs_.begin();
-    std::nth_element(
-        begin + static_cast<std::ptrdiff_t>(p.first), begin + static_cast<std::ptrdiff_t>(cut),
-        begin + static_cast<std::ptrdiff_t>(p.last), [axis](const Ref& a, const Ref& b) {
-          return a.center(axis) < b.center(axis) ||
-                 (a.center(axis) == b.center(axis) && a.id < b.id);
-        });
-    left = measure({p.first, cut, {}, {}});
-    right = measure({cut, p.last, {}, {}});
+    const size_t cut = p.size / 2;
+    std::nth_element(p.refs, p.refs + cut, p.refs + p.size, [axis](const Ref& a, const Ref& b) {
+      return center_of(a, axis) < center_of(b, axis) ||
+             (center_of(a, axis) == center_of(b, axis) && a.id < b.id);
+    });
+    left = measure(p.refs, cut);
+    right = measure(p.refs + cut, p.size - cut);
   }
 
-  void fill_bins(const Part& p, const float (&scale)[3], Bin (&bins)[3][kBins]) {
-    const auto fill = [&](Bin(&into)[3][kBins], size_t i) {
-      const Ref& ref = refs_[i];
-      for (int k = 0; k < 3; ++k) {
-        if (scale[k] == 0.0f) continue;
-        add_to(into[k][bin_of(ref.center(k), p.centers.low[k], scale[k])], ref);
-      }
-    };
-    if (p.size() <= kJobSize) {
-      for (size_t i = p.first; i < p.last; ++i) fill(bins, i);
-      return;
-    }
-#pragma omp parallel
-    {
-      Bin mine[3][kBins];
-#pragma omp for nowait
-      for (size_t i = p.first; i < p.last; ++i) fill(mine, i);
-#pragma omp critical(parhelion_bins)
-      for (int k = 0; k < 3; ++k) {
-        for (int i = 0; i < kBins; ++i) bins[k][i].grow(mine[k][i]);
-      }
-    }
-  }
-
-  // Children for a part of n references such that the levels below are filled evenly: sixteen each
-  // from the top would leave the last level of nodes two or three leaves.
-  static int fanout(size_t n) {
-    const double leaves = static_cast<double>(n) / kUsualLeaf;
-    int levels = 1;
-    for (double capacity = 16.0; capacity < leaves; capacity *= 16.0) ++levels;
-    return std::clamp(static_cast<int>(std::ceil(std::pow(leaves, 1.0 / levels))), 2, 16);
-  }
-
-  // Up to sixteen parts of p, made by dividing the one of largest surface again and again; of most
-  // references where the tree has grown so deep that its depth must be bounded.
-  int children_of(const Part& p, int depth, Part (&child)[16]) {
+  // As of a grid's cells; the part of most primitives is divided where the tree has grown so deep
+  // that its depth must be bounded.
+  static int children_of(const Part& p, int depth, Part (&child)[16]) {
     const bool by_count = depth > kMaxTreeDepth / 2;
-    const int wanted = by_count ? 16 : fanout(p.size());
+    const auto larger = [](const Part& a, const Part& b) { return a.size < b.size; };
+    const Fanout fanout(p.size);
     int count = 1;
     child[0] = p;
-    while (count < wanted) {
-      int next = -1;
-      float largest = -1.0f;
-      for (int i = 0; i < count; ++i) {
-        const float size =
-            by_count ? static_cast<float>(child[i].size()) : child[i].box.half_area();
-        if (child[i].size() > kLeafSize && size > largest) next = i, largest = size;
+    for (;;) {
+      int next = next_of(child, count, fanout);
+      if (by_count) {
+        next = static_cast<int>(std::max_element(child, child + count, larger) - child);
+        if (count == 16 || child[next].size <= kLeafSize) next = -1;
       }
       if (next < 0) break;
       const Part whole = child[next];
@@ -278,126 +795,75 @@ class TreeBuilder {
     for (Child& c : n.child) c = 0;
     return n;
   }
-  static void set_box(Node& n, int lane, const Aabb& b) {
+  static void set_box(Node& n, int lane, const Extent& e) {
+    const Aabb b = e.box();
     for (int k = 0; k < 3; ++k) n.low[k][lane] = b.low[k], n.high[k][lane] = b.high[k];
   }
 
-  // The part of the tree above the jobs.
-  Child expand(const Part& p, int depth, std::vector<Node>& top, std::vector<Job>& jobs) {
-    if (p.size() <= kJobSize && depth == 0) {
-      jobs.push_back({p, depth, kNoNode, 0});
-      return 0;
-    }
-    Part child[16];
-    const int count = children_of(p, depth, child);
-    const size_t index = top.size();
-    top.push_back(empty_node());
-    for (int i = 0; i < count; ++i) {
-      set_box(top[index], i, child[i].box);
-      if (child[i].size() <= kJobSize) {
-        jobs.push_back({child[i], depth + 1, index, i});
-      } else {
-        const Child c = expand(child[i], depth + 1, top, jobs);
-        top[index].child[i] = c;
+  // One job: the whole tree over n refs. spare: room for as many.
+  Child subtree(Ref* refs, Ref* spare, size_t n, int depth, Local& out) const {
+    const Part part = measure(refs, n);
+    if (n > kGridSize) {
+      const size_t index = out.nodes.size();
+      std::vector<Open> below;
+      if (divide(refs, spare, n, part.centers, depth, 0, out.nodes, below)) {
+        for (const Open& o : below) {
+          const Child c = subtree(spare + o.first, refs + o.first, o.size, o.depth, out);
+          out.nodes[o.node].child[o.lane] = c;
+        }
+        return static_cast<Child>(index);
       }
     }
-    return static_cast<Child>(index);
+    return small_tree(part, depth, out);
   }
 
-  // One job: the whole tree below a part, its indices counted from the start of its own vectors.
-  Child subtree(const Part& p, int depth, std::vector<Node>& local, Blocks& leaves) {
-    if (p.size() <= kLeafSize) return leaf(p, local, leaves);
+  Child small_tree(const Part& part, int depth, Local& out) const {
+    if (part.size <= kLeafSize) return leaf(part, out);
     Part child[16];
-    const int count = children_of(p, depth, child);
-    const size_t index = local.size();
-    local.push_back(empty_node());
+    const int count = children_of(part, depth, child);
+    const size_t index = out.nodes.size();
+    out.nodes.push_back(empty_node());
     for (int i = 0; i < count; ++i) {
-      set_box(local[index], i, child[i].box);
-      const Child c = subtree(child[i], depth + 1, local, leaves);
-      local[index].child[i] = c;
+      set_box(out.nodes[index], i, child[i].box);
+      const Child c = small_tree(child[i], depth + 1, out);
+      out.nodes[index].child[i] = c;
     }
     return static_cast<Child>(index);
   }
 
   // A leaf, or, of primitives of several kinds, a node over one of each; instances stay apart.
-  Child leaf(const Part& p, std::vector<Node>& local, Blocks& leaves) {
-    Ref* const first = &refs_[p.first];
-    Ref* const last = first + p.size();
-    std::stable_sort(first, last,
+  Child leaf(const Part& p, Local& out) const {
+    Ref* const end = p.refs + p.size;
+    std::stable_sort(p.refs, end,
                      [&](const Ref& a, const Ref& b) { return leaves_.kind(a) < leaves_.kind(b); });
     const auto end_of = [&](const Ref* from) {
       const ShapeKind kind = leaves_.kind(*from);
       const Ref* to = from + 1;
       if (kind == ShapeKind::instance) return to;
-      while (to != last && leaves_.kind(*to) == kind) ++to;
+      while (to != end && leaves_.kind(*to) == kind) ++to;
       return to;
     };
-    if (end_of(first) == last) return leaves_.append(first, p.size(), leaves);
-    const size_t index = local.size();
-    local.push_back(empty_node());
+    const auto append = [&](const Ref* from, const Ref* to) -> Child {
+      const ShapeKind kind = leaves_.kind(*from);
+      out.leaves.push_back({kind, static_cast<u32>(to - from)});
+      for (const Ref* r = from; r != to; ++r) *out.next++ = r->id;
+      if (kind == ShapeKind::instance) return leaves_.instance_leaf(*from);
+      return make_leaf(kind, out.blocks[static_cast<u32>(kind)]++);
+    };
+    if (end_of(p.refs) == end) return append(p.refs, end);
+    const size_t index = out.nodes.size();
+    out.nodes.push_back(empty_node());
     int lane = 0;
-    for (const Ref* from = first; from != last;) {
+    for (const Ref* from = p.refs; from != end;) {
       const Ref* to = end_of(from);
-      Aabb box;
-      for (const Ref* r = from; r != to; ++r) box.grow(r->box);
-      set_box(local[index], lane, box);
-      local[index].child[lane++] = leaves_.append(from, static_cast<size_t>(to - from), leaves);
+      Extent box;
+      for (const Ref* r = from; r != to; ++r) box.grow(*r);
+      set_box(out.nodes[index], lane, box);
+      out.nodes[index].child[lane++] = append(from, to);
       from = to;
     }
     return static_cast<Child>(index);
   }
-
-  // Lays the top and all subtrees out in one array each, in the order of the jobs.
-  void join(std::vector<Node> top, const std::vector<Job>& jobs, std::vector<Subtree>& parts) {
-    size_t node_count = top.size();
-    std::vector<u32> node_base(jobs.size());
-    std::vector<std::array<u32, 8>> block_base(jobs.size());  // by kind; instances stay at 0
-    std::array<u32, 8> block_count{};
-    for (size_t i = 0; i < jobs.size(); ++i) {
-      node_base[i] = static_cast<u32>(node_count);
-      block_base[i] = block_count;
-      node_count += parts[i].nodes.size();
-#define SHAPE(name, Type)                           \
-  block_count[static_cast<u32>(ShapeKind::name)] += \
-      static_cast<u32>(parts[i].blocks.name##s.size());
-#include "../core/shapes.def"
-#undef SHAPE
-    }
-    nodes = std::move(top);
-    nodes.resize(node_count);
-#define SHAPE(name, Type) blocks.name##s.resize(block_count[static_cast<u32>(ShapeKind::name)]);
-#include "../core/shapes.def"
-#undef SHAPE
-    const auto moved = [&](Child c, size_t i) {
-      return c & kLeafBit ? c + block_base[i][static_cast<u32>(leaf_kind(c))] : c + node_base[i];
-    };
-    for (size_t i = 0; i < jobs.size(); ++i) {
-      const Child c = moved(parts[i].root, i);
-      if (jobs[i].node == kNoNode) {
-        root = c;
-      } else {
-        nodes[jobs[i].node].child[jobs[i].lane] = c;
-      }
-    }
-#pragma omp parallel for schedule(dynamic, 1) if (jobs.size() > 1)
-    for (size_t i = 0; i < jobs.size(); ++i) {
-      Subtree& part = parts[i];
-      for (Node& n : part.nodes) {
-        for (int lane = 0; lane < 16; ++lane) {
-          if (n.low[0][lane] <= n.high[0][lane]) n.child[lane] = moved(n.child[lane], i);
-        }
-      }
-      std::copy(part.nodes.begin(), part.nodes.end(), nodes.begin() + node_base[i]);
-#define SHAPE(name, Type)                                           \
-  std::copy(part.blocks.name##s.begin(), part.blocks.name##s.end(), \
-            blocks.name##s.begin() + block_base[i][static_cast<u32>(ShapeKind::name)]);
-#include "../core/shapes.def"
-#undef SHAPE
-      part = Subtree();
-    }
-  }
-
-  static constexpr size_t kNoNode = std::numeric_limits<size_t>::max();
 };
 
 }  // namespace parhelion

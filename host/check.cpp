@@ -156,6 +156,30 @@ void SceneChecks::sizes(const ShapeInput& s, double extent) const {
   }
 }
 
+std::vector<u32> SceneChecks::materials(const ShapeInput& s) const {
+  if (!s.material_of) return {s.material};
+  std::vector<u32> used;
+  if (s.count <= kFewElements) {
+    used.assign(s.material_of, s.material_of + s.count);
+    std::sort(used.begin(), used.end());
+    used.erase(std::unique(used.begin(), used.end()), used.end());
+    return used;
+  }
+  std::vector<char> is_used(colors_.size());
+#pragma omp parallel
+  {
+    std::vector<char> mine(colors_.size());
+#pragma omp for nowait
+    for (size_t i = 0; i < s.count; ++i) mine[s.material_of[i]] = 1;
+#pragma omp critical(parhelion_materials)
+    for (size_t i = 0; i < mine.size(); ++i) is_used[i] |= mine[i];
+  }
+  for (u32 i = 0; i < is_used.size(); ++i) {
+    if (is_used[i]) used.push_back(i);
+  }
+  return used;
+}
+
 ColorRange SceneChecks::colors(const GroupInput& shapes) const {
   ColorRange all{-std::numeric_limits<float>::infinity(), std::numeric_limits<float>::infinity(),
                  "nothing"};
@@ -167,8 +191,7 @@ ColorRange SceneChecks::colors(const GroupInput& shapes) const {
   };
   for (const ShapeInput& s : shapes) {
     if (s.kind == ShapeKind::instance) continue;
-    if (!s.material_of) narrow(s.material);
-    for (size_t i = 0; s.material_of && i < s.count; ++i) narrow(s.material_of[i]);
+    for (u32 m : materials(s)) narrow(m);
   }
   return all;
 }

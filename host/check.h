@@ -16,6 +16,8 @@ class SceneChecks {
   double extent(const ShapeInput& shape) const;
   // Spheres so small beside a scene of that extent that their squared radius would be lost.
   void sizes(const ShapeInput& shape, double extent) const;
+  // That a shape, found sound, has or its primitives have; each once.
+  std::vector<u32> materials(const ShapeInput& shape) const;
   // The colours that all of a group's materials may have.
   ColorRange colors(const GroupInput& shapes) const;
   // Of instances: that matrices can be inverted and colours are in range, one for each group.

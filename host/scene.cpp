@@ -16,54 +16,83 @@ namespace {
 constexpr size_t kMaxPrimitives = 0xfffffff0u;  // ids are 32 bits, and ~0 is none
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
-// The primitives of a group, for the tree builder.
+// The primitives of a group, for the tree builder, which counts them from 0 on.
 struct Leaves {
   const GroupInput& shapes;
-  const std::vector<ShapeRecord>& records;
-  size_t first_record;
-  const std::vector<Aabb>& instance_boxes;
-  u32 first_instance_id, first_instance;
   double scale;
+  u32 first_id;                      // the first primitive's among those of the scene
+  std::vector<u32> first;            // of each shape
+  std::vector<u32> instances;        // of each shape that places some: its first among the scene's
+  std::vector<Aabb> instance_boxes;  // of all of those, from the group's first on
+  u32 first_instance;
+#define SHAPE(name, Type) Type##Block* name##s = nullptr;  // the scene's
+#include "../core/shapes.def"
+#undef SHAPE
 
+  // Shapes without primitives begin where their successor does.
+  u32 shape_of(size_t i) const {
+    if (first.size() == 1) return 0;
+    const auto next = std::upper_bound(first.begin(), first.end(), static_cast<u32>(i));
+    return static_cast<u32>(next - first.begin()) - 1;
+  }
   ShapeKind kind(const Ref& r) const { return shapes[r.shape].kind; }
-  size_t local(const Ref& r) const { return r.id - records[first_record + r.shape].first_id; }
+  u32 instance_of(u32 shape, size_t i) const {
+    return instances[shape] + static_cast<u32>(i) - first[shape];
+  }
+  Child instance_leaf(const Ref& r) const {
+    return make_leaf(ShapeKind::instance, instance_of(r.shape, r.id));
+  }
 
+  void prefetch(size_t i) const {
+    const u32 shape = shape_of(i);
+    const size_t row = i - first[shape];
+    if (shapes[shape].faces) {
+      __builtin_prefetch(shapes[shape].faces + 3 * row);
+    } else {
+      for (const Numbers& a : shapes[shape].arrays) __builtin_prefetch(a.row(row));
+    }
+  }
+  Ref ref(size_t i) const {
+    const u32 shape = shape_of(i);
+    const Aabb b = box(shape, i);
+    return {{b.low[0], b.low[1], b.low[2]},
+            static_cast<u32>(i),
+            {b.high[0], b.high[1], b.high[2]},
+            shape};
+  }
+  Aabb box(u32 shape, size_t i) const {
+    const ShapeInput& s = shapes[shape];
+    switch (s.kind) {
+#define SHAPE(name, Type) \
+  case ShapeKind::name: return box_of(make_primitive<baseline::Type>(s, i - first[shape], scale));
+#include "../core/shapes.def"
+#undef SHAPE
+      case ShapeKind::instance: break;
+    }
+    return instance_boxes[instance_of(shape, i) - first_instance];
+  }
+
+  void write(ShapeKind kind, const u32* ids, size_t n, u32 index) const {
+    switch (kind) {
+#define SHAPE(name, Type) \
+  case ShapeKind::name: fill<baseline::Type>(ids, n, name##s[index]); break;
+#include "../core/shapes.def"
+#undef SHAPE
+      case ShapeKind::instance: break;
+    }
+  }
   template <class Shape, class Block>
-  u32 fill(const Ref* refs, size_t n, std::vector<Block>& blocks) const {
-    Block block = empty_block<Block>();
+  void fill(const u32* ids, size_t n, Block& block) const {
     Shape made[16];
     for (size_t i = 0; i < n; ++i) {
-      made[i] = make_primitive<Shape>(shapes[refs[i].shape], local(refs[i]), scale);
+      const u32 shape = shape_of(ids[i]);
+      made[i] = make_primitive<Shape>(shapes[shape], ids[i] - first[shape], scale);
     }
+    const u32 twins = twins_of(made, ids, n);
+    block = empty_block<Block>();
     for (size_t i = 0; i < n; ++i) {
-      if (!has_twin_before(made, refs, n, i)) put(block, i, made[i], refs[i].id);
+      if (!(twins >> i & 1u)) put(block, i, made[i], first_id + ids[i]);
     }
-    blocks.push_back(block);
-    return static_cast<u32>(blocks.size() - 1);
-  }
-
-  Child append(const Ref* refs, size_t n, Blocks& blocks) const {
-    switch (kind(*refs)) {
-#define SHAPE(name, Type) \
-  case ShapeKind::name:   \
-    return make_leaf(ShapeKind::name, fill<baseline::Type>(refs, n, blocks.name##s));
-#include "../core/shapes.def"
-#undef SHAPE
-      case ShapeKind::instance: break;
-    }
-    return make_leaf(ShapeKind::instance, first_instance + (refs->id - first_instance_id));
-  }
-
-  Aabb box(const Ref& r) const {
-    switch (kind(r)) {
-#define SHAPE(name, Type) \
-  case ShapeKind::name:   \
-    return box_of(make_primitive<baseline::Type>(shapes[r.shape], local(r), scale));
-#include "../core/shapes.def"
-#undef SHAPE
-      case ShapeKind::instance: break;
-    }
-    return instance_boxes[r.id - first_instance_id];
   }
 };
 
@@ -126,15 +155,6 @@ Aabb transformed(const Box& b, const Matrix& m) {
   return out;
 }
 
-template <class T>
-void append(std::vector<T>& to, std::vector<T>&& from) {
-  if (to.empty()) {
-    to = std::move(from);
-  } else {
-    to.insert(to.end(), from.begin(), from.end());
-  }
-}
-
 // A place on a primitive, from two numbers in [0, 1].
 void place_on(const baseline::Triangle&, float u, float v, baseline::SurfacePoint& p) {
   const float root = std::sqrt(u);
@@ -165,6 +185,16 @@ Vec3 normal_of(const Shape&) {
 
 }  // namespace
 
+struct Scene::PlannedTree {
+  Leaves leaves;
+  TreeBuilder<Leaves> builder;
+
+  PlannedTree(Leaves&& primitives, size_t count)
+      : leaves(std::move(primitives)), builder(count, leaves) {}
+};
+
+Scene::~Scene() = default;
+
 Scene::Scene(SceneInput input)
     : bindings_(std::move(input.bindings)), textures_(std::move(input.textures)) {
   if (input.groups.empty()) input.groups.emplace_back();
@@ -188,8 +218,11 @@ Scene::Scene(SceneInput input)
       colored = colored || s.colors;
     }
   }
-  if (many_materials) material_of_.resize(primitive_count_);
-  if (colored) color_of_.assign(primitive_count_, {kNan, kNan, kNan});
+  if (many_materials) material_of_ = Array<u32>(primitive_count_);
+  if (colored) {
+    color_of_ = Array<Vec3>(primitive_count_);
+    std::fill(color_of_.begin(), color_of_.end(), Vec3{kNan, kNan, kNan});
+  }
   materials_ = std::move(input.materials);
 
   std::vector<BuiltGroup> built;
@@ -198,6 +231,7 @@ Scene::Scene(SceneInput input)
   for (size_t g = 0; g < input.groups.size(); ++g) {
     add_group(input.groups[g], built, next_id, g + 1 == input.groups.size());
   }
+  write_groups(built);
   scale_ = built.back().scale;
 
   view_.nodes = nodes_.data();
@@ -251,15 +285,14 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
     throw SceneError("instances place shapes too far away: " + std::to_string(extent));
   }
   for (const ShapeInput& s : shapes) checks.sizes(s, extent);
-  BuiltGroup group{normalising(extent), {}, {}, checks.colors(shapes)};
+  BuiltGroup group{normalising(extent), {}, {}, checks.colors(shapes), {}};
 
   // Records, and the emitters' places in the group's list.
-  const size_t first_record = shapes_.size();
-  const u32 first_instance = static_cast<u32>(instances_.size());
-  const u32 first_group_id = next_id;
-  u32 emitters = 0, first_instance_id = 0;
-  std::vector<Aabb> instance_boxes;
+  Leaves leaves{shapes, group.scale, next_id, {}, {}, {}, static_cast<u32>(instances_.size())};
+  u32 emitters = 0;
   for (const ShapeInput& s : shapes) {
+    leaves.first.push_back(next_id - leaves.first_id);
+    leaves.instances.push_back(static_cast<u32>(instances_.size()));
     ShapeRecord record{};
     record.first_id = next_id;
     record.material = s.material_of ? kNone : s.material;
@@ -267,7 +300,6 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
     record.first_emitter = kNone;
     std::copy(s.rotation, s.rotation + 9, record.rotation);
     if (s.kind == ShapeKind::instance) {
-      if (instance_boxes.empty()) first_instance_id = next_id;
       record.material = 0;
       for (size_t i = 0; i < s.count; ++i) {
         const BuiltGroup& shown = built[s.group];
@@ -284,27 +316,24 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
           instance.to_scene[k] = static_cast<float>(m.m[k]);
           instance.to_group[k] = static_cast<float>(inverse.m[k]);
         }
-        instance.root = groups_[s.group].root;
         instance.group = s.group;
         instance.determinant = static_cast<float>(std::fabs(inverse.determinant()));
         instance.shape = static_cast<u32>(shapes_.size());
         instance.id = next_id + static_cast<u32>(i);
         instances_.push_back(instance);
-        instance_boxes.push_back(transformed(shown.bounds, m));
+        leaves.instance_boxes.push_back(transformed(shown.bounds, m));
       }
     } else {
-      bool lit = !s.material_of && shines(materials_[s.material]);
-      for (size_t i = 0; s.material_of && i < s.count && !lit; ++i) {
-        lit = shines(materials_[s.material_of[i]]);
-      }
+      bool lit = false;
+      for (u32 m : checks.materials(s)) lit = lit || shines(materials_[m]);
       if (lit) {
         record.first_emitter = emitters;
         emitters += static_cast<u32>(s.count);
       }
       if (s.faces) keep_mesh(s, record);
     }
-    for (size_t i = 0; s.material_of && i < s.count; ++i) {
-      material_of_[next_id + i] = s.material_of[i];
+    if (s.material_of) {
+      std::copy(s.material_of, s.material_of + s.count, material_of_.begin() + next_id);
     }
     for (size_t i = 0; s.colors && i < s.count; ++i) {
       color_of_[next_id + i] = {s.colors[3 * i], s.colors[3 * i + 1], s.colors[3 * i + 2]};
@@ -312,90 +341,82 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
     next_id += static_cast<u32>(s.count);
     shapes_.push_back(record);
   }
-  // Ids of a shape without primitives would be its successor's.
-  const Leaves leaves{shapes,         shapes_,    first_record, instance_boxes, first_instance_id,
-                      first_instance, group.scale};
-  std::vector<Ref> refs(count);
-  for (u32 k = 0; k < shapes.size(); ++k) {
-    const u32 first = shapes_[first_record + k].first_id;
-    size_t lost = shapes[k].count;  // the first primitive that has no box
-#pragma omp parallel for reduction(min : lost) if (shapes[k].count > kFewElements)
-    for (size_t i = 0; i < shapes[k].count; ++i) {
-      Ref r{{}, first + static_cast<u32>(i), k};
-      r.box = leaves.box(r);
-      bool whole = true;
-      for (int axis = 0; axis < 3; ++axis) whole = whole && r.box.low[axis] <= r.box.high[axis];
-      if (!whole) lost = std::min(lost, i);
-      refs[r.id - first_group_id] = r;
-    }
-    // A cylinder whose ends are one point beside the scene's extent has no direction.
-    if (lost < shapes[k].count) {
-      throw SceneError("shape '" + shapes[k].name + "': primitive " + std::to_string(lost) +
-                       " is too small or too thin for single precision beside the scene's extent");
-    }
+  group.emitters.assign(emitters, kNoSlot);
+  group.tree = std::make_unique<PlannedTree>(std::move(leaves), count);
+  const size_t lost = group.tree->builder.plan();
+  // A cylinder whose ends are one point beside the scene's extent has no direction.
+  if (lost < count) {
+    const Leaves& l = group.tree->leaves;
+    const u32 shape = l.shape_of(lost);
+    throw SceneError("shape '" + shapes[shape].name + "': primitive " +
+                     std::to_string(lost - l.first[shape]) +
+                     " is too small or too thin for single precision beside the scene's extent");
   }
+  const Aabb b = group.tree->builder.bounds();
+  group.bounds = {{b.low[0], b.low[1], b.low[2]}, {b.high[0], b.high[1], b.high[2]}};
+  built.push_back(std::move(group));
+}
 
-  TreeBuilder<Leaves> tree(refs, leaves);
-  tree.build();
-  if (refs.empty()) {
-    tree.blocks.spheres.push_back(empty_block<SphereBlock>());  // a leaf that nothing hits
-    tree.root = make_leaf(ShapeKind::sphere, 0);
-    tree.bounds.grow({{0, 0, 0}, {0, 0, 0}});
+// The trees of all groups, in arrays that are as large as they must be.
+void Scene::write_groups(std::vector<BuiltGroup>& built) {
+  size_t nodes = 0;
+  std::array<size_t, 8> blocks{};
+  for (const BuiltGroup& group : built) {
+    nodes += group.tree->builder.node_count();
+    for (size_t k = 0; k < 8; ++k) blocks[k] += group.tree->builder.block_count()[k];
   }
-  group.bounds = {{tree.bounds.low[0], tree.bounds.low[1], tree.bounds.low[2]},
-                  {tree.bounds.high[0], tree.bounds.high[1], tree.bounds.high[2]}};
-
-  // Into the scene's own arrays.
-  Group place{};
-  const u32 node_base = static_cast<u32>(nodes_.size());
-  u32 base[8] = {};
-#define SHAPE(name, Type)                                                                \
-  place.first_##name = static_cast<u32>(name##s_.size());                                \
-  place.last_##name = place.first_##name + static_cast<u32>(tree.blocks.name##s.size()); \
-  base[static_cast<u32>(ShapeKind::name)] = place.first_##name;                          \
-  append(name##s_, std::move(tree.blocks.name##s));
+  if (nodes > kLeafBit || *std::max_element(blocks.begin(), blocks.end()) > kLeafIndexMask) {
+    throw SceneError("the scene has too many primitives for its tree");
+  }
+  nodes_ = Array<Node>(nodes);
+#define SHAPE(name, Type) name##s_ = Array<Type##Block>(blocks[static_cast<u32>(ShapeKind::name)]);
 #include "../core/shapes.def"
 #undef SHAPE
-  place.first_instance = first_instance;
-  place.last_instance = static_cast<u32>(instances_.size());
-  const auto moved = [&](Child c) {
-    return c & kLeafBit ? c + base[static_cast<u32>(leaf_kind(c))] : c + node_base;
-  };
-  place.root = moved(tree.root);
-  append(nodes_, std::move(tree.nodes));
-  if (!groups_.empty()) {  // the first group stays where it is
-    for (size_t n = node_base; n < nodes_.size(); ++n) {
-      for (int lane = 0; lane < 16; ++lane) {
-        if (nodes_[n].low[0][lane] <= nodes_[n].high[0][lane]) {
-          nodes_[n].child[lane] = moved(nodes_[n].child[lane]);
-        }
-      }
-    }
+  u32 node = 0, instance = 0;
+  KindCounts block{};
+  for (BuiltGroup& group : built) {
+    const TreeBuilder<Leaves>& builder = group.tree->builder;
+    Group place{};
+    const KindCounts base = block;
+    for (size_t k = 0; k < 8; ++k) block[k] += static_cast<u32>(builder.block_count()[k]);
+#define SHAPE(name, Type)                                       \
+  group.tree->leaves.name##s = name##s_.data();                 \
+  place.first_##name = base[static_cast<u32>(ShapeKind::name)]; \
+  place.last_##name = block[static_cast<u32>(ShapeKind::name)];
+#include "../core/shapes.def"
+#undef SHAPE
+    place.first_instance = instance;
+    instance += static_cast<u32>(group.tree->leaves.instance_boxes.size());
+    place.last_instance = instance;
+    place.root = group.tree->builder.write(nodes_.data() + node, node, base);
+    node += static_cast<u32>(builder.node_count());
+    groups_.push_back(place);
+    group.tree = nullptr;
+    find_emitters(group, place);
   }
-  groups_.push_back(place);
+  for (Instance& i : instances_) i.root = groups_[i.group].root;
+}
 
-  // Where the emitters have come to lie; those that coincide with another lie nowhere.
-  group.emitters.assign(emitters, kNoSlot);
-  if (emitters > 0) {
-    const auto find = [&](const auto& blocks, ShapeKind kind, u32 first, u32 last) {
-      for (u32 b = first; b < last; ++b) {
-        for (u32 lane = 0; lane < 16; ++lane) {
-          const u32 id = blocks[b].id[lane];
-          if (id == kNone) continue;
-          const ShapeRecord& r = *(
-              std::upper_bound(shapes_.begin(), shapes_.end(), id,
+// Where the emitters have come to lie; those that coincide with another lie nowhere.
+void Scene::find_emitters(BuiltGroup& group, const Group& place) const {
+  if (group.emitters.empty()) return;
+  const auto find = [&](const auto& blocks, ShapeKind kind, u32 first, u32 last) {
+    for (u32 b = first; b < last; ++b) {
+      for (u32 lane = 0; lane < 16; ++lane) {
+        const u32 id = blocks[b].id[lane];
+        if (id == kNone) continue;
+        const ShapeRecord& r =
+            *(std::upper_bound(shapes_.begin(), shapes_.end(), id,
                                [](u32 x, const ShapeRecord& shape) { return x < shape.first_id; }) -
               1);
-          if (r.first_emitter == kNone) continue;
-          group.emitters[r.first_emitter + (id - r.first_id)] = {make_leaf(kind, b), lane, kNone};
-        }
+        if (r.first_emitter == kNone) continue;
+        group.emitters[r.first_emitter + (id - r.first_id)] = {make_leaf(kind, b), lane, kNone};
       }
-    };
+    }
+  };
 #define SHAPE(name, Type) find(name##s_, ShapeKind::name, place.first_##name, place.last_##name);
 #include "../core/shapes.def"
 #undef SHAPE
-  }
-  built.push_back(std::move(group));
 }
 
 // The direction of three numbers, 0 of 0.
@@ -618,12 +639,12 @@ size_t Scene::block_count() const {
 
 size_t Scene::memory() const {
   size_t n =
-      nodes_.capacity() * sizeof(Node) + instances_.capacity() * sizeof(Instance) +
+      nodes_.bytes() + instances_.capacity() * sizeof(Instance) +
       shapes_.capacity() * sizeof(ShapeRecord) + materials_.capacity() * sizeof(MaterialRecord) +
-      material_of_.capacity() * sizeof(u32) + color_of_.capacity() * sizeof(Vec3) +
-      emitters_.capacity() * sizeof(Slot) + light_tree_.nodes.capacity() * sizeof(LightNode) +
+      material_of_.bytes() + color_of_.bytes() + emitters_.capacity() * sizeof(Slot) +
+      light_tree_.nodes.capacity() * sizeof(LightNode) +
       (light_tree_.slot_of_node.capacity() + light_tree_.slot_of_light.capacity()) * sizeof(u32);
-#define SHAPE(name, Type) n += name##s_.capacity() * sizeof(Type##Block);
+#define SHAPE(name, Type) n += name##s_.bytes();
 #include "../core/shapes.def"
 #undef SHAPE
   for (const auto& mesh : meshes_) {

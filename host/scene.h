@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "../core/path.h"
+#include "array.h"
 #include "distribution.h"
 #include "image.h"
 #include "light_tree.h"
@@ -18,6 +19,10 @@ struct Numbers {
   bool is_double = false, one = false;
   int columns = 1;
 
+  const void* row(size_t i) const {
+    const size_t size = static_cast<size_t>(columns) * (is_double ? sizeof(double) : sizeof(float));
+    return static_cast<const char*>(data) + (one ? 0 : i * size);
+  }
   double at(size_t row, int column) const {
     const size_t i = (one ? 0 : row) * static_cast<size_t>(columns) + static_cast<size_t>(column);
     return is_double ? static_cast<const double*>(data)[i]
@@ -86,6 +91,7 @@ class Scene {
  public:
   // Throws SceneError, naming shape and element, for a number that has no meaning.
   explicit Scene(SceneInput input);
+  ~Scene();
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
@@ -113,15 +119,19 @@ class Scene {
     std::vector<MeshAttribute> attributes;
     std::vector<std::unique_ptr<float[]>> values;
   };
+  struct PlannedTree;
   // A group in units of its own.
   struct BuiltGroup {
     double scale;
     Box bounds;
-    std::vector<Slot> emitters;  // in the order of its shapes' first_emitter
-    ColorRange colors;           // of its instances
+    std::vector<Slot> emitters;         // in the order of its shapes' first_emitter
+    ColorRange colors;                  // of its instances
+    std::unique_ptr<PlannedTree> tree;  // until it is written
   };
 
   void add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, u32& next_id, bool own);
+  void write_groups(std::vector<BuiltGroup>& built);
+  void find_emitters(BuiltGroup& group, const Group& place) const;
   void keep_mesh(const ShapeInput& shape, ShapeRecord& record);
   void make_materials();
   void make_lights(std::vector<LightInput> lights, const std::vector<BuiltGroup>& built);
@@ -134,8 +144,8 @@ class Scene {
   size_t light_count_ = 0;
   double scale_ = 1.0;
   bool has_bodies_ = false;
-  std::vector<Node> nodes_;
-#define SHAPE(name, Type) std::vector<Type##Block> name##s_;
+  Array<Node> nodes_;
+#define SHAPE(name, Type) Array<Type##Block> name##s_;
 #include "../core/shapes.def"
 #undef SHAPE
   std::vector<Instance> instances_;
@@ -147,8 +157,8 @@ class Scene {
   std::vector<TextureRecord> textures_;
   std::vector<ImagePyramid> pyramids_;
   std::vector<ImageView> images_;
-  std::vector<u32> material_of_;
-  std::vector<Vec3> color_of_;
+  Array<u32> material_of_;
+  Array<Vec3> color_of_;
   std::vector<Slot> emitters_;
   std::vector<LightRecord> lights_;
   LightTree light_tree_;

@@ -27,6 +27,14 @@ Shape make_primitive(const ShapeInput& s, size_t i, double scale) {
   return shape;
 }
 
+template <>
+inline baseline::Sphere make_primitive<baseline::Sphere>(const ShapeInput& s, size_t i,
+                                                         double scale) {
+  const Numbers &centers = s.arrays[0], &radii = s.arrays[1];
+  const auto at = [&](int axis) { return static_cast<float>(centers.at(i, axis) * scale); };
+  return {{at(0), at(1), at(2)}, static_cast<float>(radii.at(i, 0) * scale)};
+}
+
 // Three vertices of a mesh.
 template <>
 inline baseline::Triangle make_primitive<baseline::Triangle>(const ShapeInput& s, size_t i,
@@ -113,21 +121,24 @@ void put(Block& block, size_t lane, const Shape& shape, u32 id) {
 
 // Of spheres that coincide, the one of the lowest id stands for all: a ray that starts on one would
 // otherwise meet its twin at once, or not, as rounding has it. Centres that coincide share a leaf
-// unless there are more of them than it holds.
-inline bool has_twin_before(const baseline::Sphere* spheres, const Ref* refs, size_t n, size_t i) {
-  const baseline::Sphere& s = spheres[i];
-  for (size_t k = 0; k < n; ++k) {
-    const baseline::Sphere& o = spheres[k];
-    if (refs[k].id < refs[i].id && o.center.x == s.center.x && o.center.y == s.center.y &&
-        o.center.z == s.center.z && o.radius == s.radius) {
-      return true;
+// unless there are more of them than it holds. Bit i: another stands for sphere i.
+inline u32 twins_of(const baseline::Sphere* spheres, const u32* ids, size_t n) {
+  u32 twins = 0;
+  for (size_t i = 1; i < n; ++i) {
+    const baseline::Sphere& s = spheres[i];
+    for (size_t k = 0; k < i; ++k) {
+      const baseline::Sphere& o = spheres[k];
+      if (o.center.x == s.center.x && o.center.y == s.center.y && o.center.z == s.center.z &&
+          o.radius == s.radius) {
+        twins |= 1u << (ids[k] < ids[i] ? i : k);
+      }
     }
   }
-  return false;
+  return twins;
 }
 template <class Shape>
-bool has_twin_before(const Shape*, const Ref*, size_t, size_t) {
-  return false;
+u32 twins_of(const Shape*, const u32*, size_t) {
+  return 0;
 }
 
 }  // namespace parhelion

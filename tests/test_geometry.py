@@ -52,6 +52,18 @@ def coincident() -> Cloud:
     return np.full((400, 3), 0.25), rng.choice(rng.uniform(0.1, 1.0, 50), 400)
 
 
+def clusters() -> Cloud:
+    # each a thousandth of the size of the one around it, so that grids find most of it in one cell
+    rng = np.random.default_rng(6)
+    levels = [rng.uniform(-1, 1, (2000, 3)) * 1e-3**k for k in range(3)]
+    return np.concatenate(levels), np.repeat([0.02, 2e-5, 2e-8], 2000)
+
+
+def sheet() -> Cloud:
+    rng = np.random.default_rng(7)
+    return rng.uniform(-1, 1, (6000, 3)) * (1, 0, 1), np.full(6000, 0.01)
+
+
 def one() -> Cloud:
     return np.array([[3.0, -2.0, 1.0]]), np.array([1.5])
 
@@ -65,6 +77,8 @@ CLOUDS: list[Callable[[], Cloud]] = [
     line,
     coincident,
     one,
+    clusters,
+    sheet,
 ]
 by_cloud = pytest.mark.parametrize("cloud", CLOUDS, ids=lambda f: f.__name__)
 
@@ -182,6 +196,20 @@ def test_of_equal_hits_the_first_sphere_counts() -> None:
     o, d = random_rays(centers, radii, 10_000)
     ids = built(centers, radii).intersect(o, d)[1]
     assert ids.max() < 60  # the other 540 are copies
+
+
+def test_instances_among_other_shapes() -> None:
+    ball = ph.Spheres([[0.0, 0.0, 0.0]], 0.3)
+    others = ph.Spheres([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]], 0.3)
+    moves = [np.array([[1.0, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0]]) for x in (-1.0, 1.0)]
+    apart = [ph.Instances([ball], move[None]) for move in moves]
+    camera = ph.Camera(eye=(0, 0, 5), vfov=40)
+
+    def seen(*shapes: ph.Instances | ph.Spheres) -> np.ndarray:
+        return ph.render(ph.Scene(shapes, camera=camera), width=48, height=27, spp=4).pixels
+
+    together = seen(ph.Instances([ball], np.stack(moves)), others)
+    np.testing.assert_array_equal(seen(apart[0], others, apart[1]), together)
 
 
 def test_no_spheres() -> None:

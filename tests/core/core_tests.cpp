@@ -1,9 +1,12 @@
 // Tests of core and host without Python, for the sanitizers to watch: every kernel, every
 // instruction set, builds and renders on several threads, stops and errors.
+#include <omp.h>
+
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -297,6 +300,44 @@ void everything_at_once() {
   CHECK(same(reference, film));
 }
 
+// Of few spheres; of many, all but one of which lie in one cell of the first grid, so that they are
+// divided by all threads once more; and of several kinds.
+void trees_do_not_depend_on_threads() {
+  const std::vector<double> triangle = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+  for (size_t n : {20000, 600000}) {
+    Cloud cloud(n);
+    if (n > 20000) {
+      cloud.centers[3 * n] = cloud.centers[3 * n + 1] = cloud.centers[3 * n + 2] = 1000.0;
+      cloud.radii[n] = 1.0;
+    }
+    const std::vector<u32> faces(3 * 5000, 0);
+    ShapeInput mesh;
+    mesh.kind = ShapeKind::triangle;
+    mesh.name = "mesh";
+    mesh.count = 5000;
+    mesh.vertex_count = 3;
+    mesh.faces = faces.data();
+    mesh.arrays = {{"vertices", triangle.data(), true, false, 3}};
+    std::vector<std::unique_ptr<Scene>> scenes;
+    for (int threads : {1, 2, 5}) {
+      omp_set_num_threads(threads);
+      scenes.push_back(
+          std::make_unique<Scene>(input_of({cloud.group(), mesh}, Cloud::materials())));
+    }
+    omp_set_num_threads(omp_get_num_procs());
+    const SceneView& a = scenes[0]->view();
+    CHECK(a.sphere_blocks * 16 > n && a.triangle_blocks * 16 > mesh.count);
+    for (const auto& scene : scenes) {
+      const SceneView& b = scene->view();
+      CHECK(scene->node_count() == scenes[0]->node_count() && a.root == b.root);
+      CHECK(a.sphere_blocks == b.sphere_blocks && a.triangle_blocks == b.triangle_blocks);
+      CHECK(std::memcmp(a.nodes, b.nodes, scene->node_count() * sizeof(Node)) == 0);
+      CHECK(std::memcmp(a.spheres, b.spheres, a.sphere_blocks * sizeof(SphereBlock)) == 0);
+      CHECK(std::memcmp(a.triangles, b.triangles, a.triangle_blocks * sizeof(TriangleBlock)) == 0);
+    }
+  }
+}
+
 // Centres that coincide, and sizes over fourteen powers of ten: the tree's depth stays bounded.
 void hard_cases_build() {
   std::vector<double> centers, radii;
@@ -412,6 +453,7 @@ int main() {
   samples_that_are_not_finite_are_counted_and_left_out();
   rays_meet_the_same_through_the_tree_and_without();
   everything_at_once();
+  trees_do_not_depend_on_threads();
   hard_cases_build();
   a_pass_can_be_stopped();
   sums_are_exact_in_any_order();
