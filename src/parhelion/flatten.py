@@ -673,9 +673,8 @@ def _mesh(shape: Mesh, where: str) -> dict[str, Any]:
         raise SceneError(
             f"{where}: faces is {faces.dtype} of shape {faces.shape}; must be (F, 3) whole numbers"
         )
-    bad = np.argwhere((faces < 0) | (faces >= len(vertices)))
-    if bad.size:
-        face, corner = bad[0]
+    if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
+        face, corner = np.argwhere((faces < 0) | (faces >= len(vertices)))[0]
         raise SceneError(
             f"{where}: faces[{face}] has vertex {faces[face, corner]}; the mesh has vertices 0 to"
             f" {len(vertices) - 1}"
@@ -885,8 +884,8 @@ def _indices(values: Any, count: int, names: dict[str, int], where: str) -> Any:
         )
     if array.shape != (count,):
         raise SceneError(f"{where}: material has shape {array.shape}; must be ({count},)")
-    bad = np.flatnonzero((array < 0) | (array >= known))
-    if bad.size:
+    if count and not (array.min() >= 0 and array.max() < known):
+        bad = np.flatnonzero((array < 0) | (array >= known))
         raise SceneError(
             f"{where}: material[{bad[0]}] is {array[bad[0]]}; the scene has {known} named materials"
         )

@@ -90,7 +90,11 @@ def hull(shape: Shape) -> Iterator[tuple[Array, Array]]:
     """Spheres that hold a shape: centres (N, 3) and radii, (N,) or one."""
     # unsigned integers would wrap around below 0
     if isinstance(shape, Spheres):
-        yield np.asarray(shape.centers), np.asarray(shape.radii, dtype=np.float64)
+        # in parts, as what is computed of them takes several times their memory
+        centers, radii = np.asarray(shape.centers), np.asarray(shape.radii)
+        for i in range(0, max(len(centers), 1), _MOST_POINTS):
+            part = radii[i : i + _MOST_POINTS] if radii.ndim else radii
+            yield centers[i : i + _MOST_POINTS], np.asarray(part, dtype=np.float64)
     elif isinstance(shape, Mesh):
         yield np.asarray(shape.vertices, dtype=np.float64), np.float64(0.0)
     elif isinstance(shape, Disks):
