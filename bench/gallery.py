@@ -134,13 +134,19 @@ def weekend_scene(weekend: Weekend) -> ph.Scene:
     return ph.Scene(shapes, materials, camera, ph.Background("gradient", **weekend.sky))
 
 
-def cloud_scene(count: int) -> ph.Scene:
-    """A box of random diffuse spheres in white light."""
+def cloud_scene(count: int, glass: bool = False) -> ph.Scene:
+    """A box of random diffuse spheres in white light; glass: every second one is of glass."""
     centers, radius = cloud(count)
-    spheres = ph.Spheres(centers, radius, ph.Material("diffuse", color=(0.8, 0.8, 0.8)))
+    materials = {"diffuse": ph.Material("diffuse", color=(0.8, 0.8, 0.8))}
+    material: str | np.ndarray = "diffuse"
+    if glass:
+        materials["glass"] = ph.Material("dielectric")
+        material = np.arange(count, dtype=np.uint32) & 1
+    # Radii of their own, as a user's spheres have.
+    spheres = ph.Spheres(centers, np.full(count, radius, np.float32), material)
     camera = ph.Camera(eye=(0.5, 0.5, 3.0), target=(0.5, 0.5, 0.5), vfov=30.0)
     white = ph.Background("constant", radiance=(1.0, 1.0, 1.0))
-    return ph.Scene([spheres], camera=camera, background=white)
+    return ph.Scene([spheres], materials, camera, background=white)
 
 
 def lamp_scene(count: int) -> ph.Scene:

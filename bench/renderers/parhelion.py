@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,12 +28,14 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
             job["xml"], LoadOptions(defines=job["defines"], allow_paths=(job["allow"],))
         )
     elif "cloud" in job:
-        scene = cloud_scene(job["cloud"])
+        scene = cloud_scene(job["cloud"], job["glass"])
     elif "lamps" in job:
         scene = lamp_scene(job["lamps"])
     else:
         scene = of_job(job)
+    start = time.process_time()
     prepared = ph.prepare(scene)
+    build_cpu_seconds = time.process_time() - start
 
     def render(request: dict[str, Any]) -> dict[str, Any]:
         with Clock() as clock:
@@ -44,8 +47,7 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
                 filter_radius=0.5,
                 spp=request["spp"],
                 seed=request["seed"],
-                max_depth=job.get("depth"),
-                **{"threads": job["threads"], **request["options"]},
+                **{"threads": job["threads"], "max_depth": job.get("depth"), **request["options"]},
             )
         if request["save"]:
             np.save(request["save"], image.numpy())
@@ -59,4 +61,8 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
         "isas": _core.instruction_sets(),
         "build_seconds": prepared.seconds,
         "prepare_seconds": prepared.seconds,
+        "build_cpu_seconds": build_cpu_seconds,
+        "input_bytes": sum(
+            a.nbytes for s in scene.shapes for a in vars(s).values() if isinstance(a, np.ndarray)
+        ),
     }, render
