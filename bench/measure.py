@@ -171,6 +171,7 @@ def _cloud(plan: Plan, notes: Notes, count: int, glass: bool) -> list[Row]:
             ("build", known["build_seconds"]),
             ("build cpu", known["build_cpu_seconds"]),
             ("picture", whole["seconds"]),
+            ("picture cpu", whole["cpu_seconds"]),
             ("altogether", known["build_seconds"] + whole["seconds"]),
             ("paths", whole["rays"] / whole["cpu_seconds"] / 1e6),
             ("camera", single["rays"] / single["cpu_seconds"] / 1e6),
@@ -184,6 +185,7 @@ def _cloud(plan: Plan, notes: Notes, count: int, glass: bool) -> list[Row]:
         Row(group, "checks and tree", "s", runs["build"], most=60.0 if large else None),
         Row(group, "checks and tree, processor", "s", runs["build cpu"]),
         Row(group, "picture", "s", runs["picture"], most=120.0 if large else None),
+        Row(group, "picture, processor", "s", runs["picture cpu"]),
         Row(
             group,
             "altogether",

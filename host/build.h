@@ -462,7 +462,10 @@ class TreeBuilder {
     const size_t cells = grid.count();
     if (cells < 2) return false;
     constexpr bool threads = std::is_same_v<Item, u32>;  // a part of refs is one thread's
-    const size_t chunks = threads ? static_cast<size_t>(omp_get_max_threads()) : 1;
+    // Of no fewer primitives than some times the cells that each chunk fills and that are summed.
+    const size_t chunks =
+        threads ? std::clamp(n / (4 * cells), size_t{1}, static_cast<size_t>(omp_get_max_threads()))
+                : 1;
     const auto start = [&](size_t chunk) { return n * chunk / chunks; };
     std::vector<std::uint16_t> cell_of(n);
     std::vector<std::vector<Bin>> bins(chunks);

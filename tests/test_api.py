@@ -39,6 +39,35 @@ def script(code: str, **options: object) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux's /proc")
+def test_trees_take_little_memory_and_leave_none_behind() -> None:
+    # 24 bytes a sphere are the tree's and 8 the build's; at 1e6, some are the imports' and threads'
+    done = script(
+        "import numpy as np, parhelion as ph\n"
+        "def held(what):\n"
+        "    lines = dict(line.split(':') for line in open('/proc/self/status'))\n"
+        "    return int(lines[what].split()[0]) * 1024\n"
+        "def cloud(n):\n"
+        "    centers = np.random.default_rng(1).random((n, 3), dtype=np.float32)\n"
+        "    return ph.Scene([ph.Spheres(centers, np.full(n, 0.25 * n ** (-1 / 3), np.float32))])\n"
+        "ph.prepare(cloud(100))\n"
+        "large, small = cloud(1_000_000), cloud(50_000)\n"
+        "before = held('VmRSS')\n"
+        "ph.prepare(large)\n"
+        "print((held('VmHWM') - before) / 1e6)\n"
+        "sizes = []\n"
+        "for _ in range(40):\n"
+        "    ph.prepare(small)\n"
+        "    sizes.append(held('VmRSS'))\n"
+        "print((sizes[-1] - sizes[9]) / 2**20)",
+        env={**os.environ, "OMP_NUM_THREADS": "2"},
+    )
+    assert done.returncode == 0, done.stderr
+    peak, grown = map(float, done.stdout.split())
+    assert peak < 45.0  # bytes a sphere
+    assert grown < 10.0  # MiB; a tree takes 1.2
+
+
 # --- Names ---------------------------------------------------------------------------------------
 
 
