@@ -357,3 +357,24 @@ def test_colors_of_spheres_replace_the_material_s() -> None:
         sphere = ph.Spheres([[0, 0, 0]], 1.0, material, green)
         pixels = look.render(sphere, background=sky)
         np.testing.assert_allclose(pixels, np.broadcast_to(green[0], pixels.shape), rtol=1e-6)
+
+
+def test_the_feature_direct_is_the_integrator_direct() -> None:
+    # A lamp that scatters too, met by light samples and by scattering, and a sky.
+    corners = np.array([[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]])
+    faces = [[0, 1, 2], [0, 2, 3]]
+    lamp = ph.Material("diffuse", color=(0.5, 0.5, 0.5), emission=(8, 8, 8))
+    shapes = [
+        ph.Mesh(2 * corners, faces, material=ph.Material("diffuse", color=(0.7, 0.6, 0.5))),
+        ph.Mesh(0.5 * corners + [0, 1.9, 0], faces, material=lamp),
+        ph.Spheres([[0, 0.5, 0]], 0.5, ph.Material("conductor", roughness=0.3)),
+    ]
+    camera = ph.Camera(eye=(0, 1, 4), target=(0, 0.8, 0))
+    sky = ph.Background("constant", radiance=(0.2, 0.2, 0.2))
+    prepared = ph.prepare(ph.Scene(shapes, camera=camera, background=sky))
+    size = {"width": 48, "height": 36, "spp": 8}
+    seen = ph.render(prepared, features=True, **size)
+    once = ph.render(prepared, integrator="direct", **size).numpy()[..., :3]
+    parts = seen.features
+    np.testing.assert_allclose(parts["emission"] + parts["direct"], once, atol=1e-5)
+    assert parts["indirect"].max() > 0.01
