@@ -159,7 +159,8 @@ inline void light_weights(const LightNode& node, const LitPoints& at, float (&we
   }
 }
 
-// Chooses one of sixteen children by weights whose sum is not 0; `rest` is a uniform number and becomes a new one.
+// Chooses one of sixteen children by weights whose sum is not 0; `rest` is a uniform number and
+// becomes a new one.
 PH_INLINE u32 choose_lane(const float* weight, float sum, double& rest) {
   // The last lane that has a weight takes what rounding leaves over.
   const double target = rest * static_cast<double>(sum);
