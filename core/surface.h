@@ -279,9 +279,14 @@ PH_INLINE float opacity(const SceneView& scene, const MaterialRecord& m, const S
 PH_INLINE ParamBlock parameters(const SceneView& scene, const MaterialRecord& m, const Surface& s,
                                 float width) {
   ParamBlock block = m.block;
+  u32 last = kNone;
+  Texel value = {{0, 0, 0}, 0};
   for (u32 i = 0; i < m.binding_count; ++i) {
     const TextureBinding& b = scene.textures.bindings[m.first_binding + i];
-    put(block, b, texel(scene, b.texture, s, width));
+    // Metallic and roughness, say, are often channels of one texture.
+    if (b.texture != last) value = texel(scene, b.texture, s, width);
+    last = b.texture;
+    put(block, b, value);
   }
   return block;
 }

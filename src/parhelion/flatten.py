@@ -408,7 +408,9 @@ class _Parts:
         return found
 
     def texture_index(self, t: Texture, where: str, data: bool) -> int:
-        key = Texture(t.type, **t.params, __data=data)
+        # Which channel is taken is said where the texture is bound.
+        others = {name: value for name, value in t.params.items() if name != "channel"}
+        key = Texture(t.type, **others, __data=data)
         index = self._textures_made.get(key)
         if index is None:
             record = self._texture(t, where, data)  # those that it is made of come before it
