@@ -125,7 +125,7 @@ PH_INLINE float atan2(float y, float x) {
   const float acute = t + t * q * p;
   const float upper = b > a ? 0.5f * kPi - acute : acute;
   const float angle = copysign(x < 0.0f ? kPi - upper : upper, y);
-  return (x != x) | (y != y) ? kNan : angle;
+  return x != x || y != y ? kNan : angle;
 }
 
 // asin of x in [0, 1/2].

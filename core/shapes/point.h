@@ -125,7 +125,7 @@ PH_INLINE TowardsSample towards(DVec3 way, Vec3 normal, Vec2 parameter) {
 
 // None, where a point has no direction or its density no bound.
 PH_INLINE TowardsSample checked(const TowardsSample& s) {
-  const bool good = finite(s.direction) & finite(s.distance) & finite(s.pdf);
+  const bool good = finite(s.direction) && finite(s.distance) && finite(s.pdf);
   TowardsSample out = s;
   out.direction = {good ? s.direction.x : 0.0f, good ? s.direction.y : 0.0f,
                    good ? s.direction.z : 1.0f};

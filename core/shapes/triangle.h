@@ -244,7 +244,8 @@ PH_INLINE TowardsSample sample_towards(const Triangle& t, Vec3 from, Vec2 u) {
   const float by_area = pdf_by_area(area(t), s.direction, s.distance, s.normal);
   s.pdf = wide ? 1.0f / seen.solid_angle : by_area;
   // None of a line, or of what is seen edge-on.
-  s.pdf = (n2 > 0.0) & (height != 0.0) ? s.pdf : kInfinity;
+  const bool seen_flat = !(n2 > 0.0) || height == 0.0;
+  s.pdf = seen_flat ? kInfinity : s.pdf;
   return checked(s);
 }
 
