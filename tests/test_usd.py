@@ -663,6 +663,8 @@ def bomb() -> str:
          "rel prototypes = </P> }", r"protoIndices\[0\] is 1; there are 1 prototypes"),
         ('def PointInstancer "P" { int[] protoIndices = [0]\npoint3f[] positions = [(0, 0, 0)]\n'
          "rel prototypes = </P> }", "/P: is in its own prototype /P"),
+        ('def PointInstancer "P" { int[] protoIndices = [0]\nfloat[] positions = [0]\n'
+         "rel prototypes = </P> }", "/P: its instances have no places"),
         (bomb(), "has more than 4194304 instances"),
         (deep(20_000), "prims in prims, more than 2000 deep"),
         ("hello", "cannot be read as USD"),

@@ -274,6 +274,8 @@ class Reader:
         local = np.array(places, np.float64).reshape(-1, 4, 4).transpose(0, 2, 1)
         mask = np.array(instancer.ComputeMaskAtTime(self.time), bool)
         shown = mask if len(mask) else np.ones(count, bool)
+        if len(local) != count or len(shown) != count:  # as of attributes of other types
+            raise self.error(prim, "its instances have no places; positions must be a point3f[]")
         if not np.isfinite(local).all():
             at = int(np.argmin(np.isfinite(local).all(axis=(1, 2))))
             raise self.error(prim, f"instance {at} has a transform that is not finite")
