@@ -43,7 +43,7 @@ def lights(plan: Any, notes: Any) -> list[Row]:
                 error.append(float(np.sqrt(np.mean((picture / expected - 1) ** 2))))
         finally:
             worker.close()
-        build.append(worker.known["build_seconds"])
+        build.append(worker.known["prepare_seconds"])
         group = f"{count:.0e} lamps".replace("e+0", "e")
         rows += [
             Row(group, "checks and trees", "s", build),

@@ -168,11 +168,11 @@ def _cloud(plan: Plan, notes: Notes, count: int, glass: bool) -> list[Row]:
             worker.close()
         known = worker.known
         for name, value in (
-            ("build", known["build_seconds"]),
+            ("build", known["prepare_seconds"]),
             ("build cpu", known["build_cpu_seconds"]),
             ("picture", whole["seconds"]),
             ("picture cpu", whole["cpu_seconds"]),
-            ("altogether", known["build_seconds"] + whole["seconds"]),
+            ("altogether", known["prepare_seconds"] + whole["seconds"]),
             ("paths", whole["rays"] / whole["cpu_seconds"] / 1e6),
             ("camera", single["rays"] / single["cpu_seconds"] / 1e6),
             ("memory", (whole["peak_bytes"] - known["input_bytes"]) / count),

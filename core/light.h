@@ -70,13 +70,7 @@ PH_INLINE Vec3 light_radiance(const LightRecord& record, const LightTables& tabl
                     [&](const auto& light) { return radiance(light, record, tables, direction); });
 }
 
-// Density with which sample_light finds a direction.
-PH_INLINE float light_pdf(const LightRecord& record, const LightTables& tables, Vec3 direction) {
-  return with_light(record.block,
-                    [&](const auto& light) { return pdf(light, record, tables, direction); });
-}
-
-// Both.
+// That, and the density with which sample_light finds the direction.
 PH_INLINE LightSight light_seen(const LightRecord& record, const LightTables& tables,
                                 Vec3 direction) {
   return with_light(record.block, [&](const auto& light) -> LightSight {

@@ -5,9 +5,9 @@
 //   outside                               it shines from infinitely far away
 //   sample(l, record, tables, from, u)    a direction in which it lights a point; pdf 0 for none
 //   radiance(l, record, tables, d)        what a ray that leaves the scene in direction d sees
-//   pdf(l, record, tables, d)             density of sample, per steradian; 0 for delta lights
+//   pdf(l, record, tables, d)             density of sample, per steradian; 0 for delta lights,
+//   or seen(l, record, tables, d)         radiance and pdf, where they are cheaper together
 //   reach(l, record, tables)              of lights that are not outside: for the light tree
-//   seen(l, record, tables, d)            radiance and pdf, if they are cheaper together
 // and, if it has an image, has_image = true; if it shines so evenly that scattering alone finds it
 // with less noise than asking for it would, smooth = true.
 //

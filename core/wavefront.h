@@ -131,9 +131,9 @@ inline constexpr u32 kPaths = 2 * kBatch;
 struct PathPool {
   PathState path[kPaths];
   Features features[kPaths];  // if they are asked for
-  bool featured;
-  u32 on[kPaths], on_count;        // places of the paths that go on
-  u32 ended[kPaths], ended_count;  // of those that have ended, for the caller to take out
+  bool featured = false;
+  u32 on[kPaths], on_count = 0;        // places of the paths that go on
+  u32 ended[kPaths], ended_count = 0;  // of those that have ended, for the caller to take out
 
   PH_INLINE Features* features_of(u32 i) { return featured ? &features[i] : nullptr; }
   // Light that is direct has been found when the second ray ends.
@@ -259,8 +259,6 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
   batch.sample[0] = sample;
   begin_paths(scene, view, y, batch);
   PathPool pool;
-  pool.featured = false;
-  pool.on_count = pool.ended_count = 0;
   begin(scene, view, batch, 0, pool, 0, stats);
   while (pool.on_count != 0) advance(scene, view, pool, 0, stats);
   return pool.path[0].sum;

@@ -48,7 +48,6 @@ void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u
                 u32 last, FilmPixel* row, FeaturePixel* features, PathStats& stats) {
   PathPool pool;
   pool.featured = features != nullptr;
-  pool.on_count = pool.ended_count = 0;
   u32 at[kPaths],
       number[kPaths];  // of the sample at a place of the pool: its pixel, and its number
   u32 free[kPaths], free_count = 0;

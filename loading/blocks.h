@@ -2,6 +2,7 @@
 #pragma once
 #include <cstddef>
 #include <exception>
+#include <utility>
 #include <vector>
 
 namespace parhelion {

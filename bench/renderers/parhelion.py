@@ -59,7 +59,6 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
         "build": library[:16],
         "isa": _core.instruction_set(),
         "isas": _core.instruction_sets(),
-        "build_seconds": prepared.seconds,
         "prepare_seconds": prepared.seconds,
         "build_cpu_seconds": build_cpu_seconds,
         "input_bytes": sum(

@@ -63,9 +63,4 @@ PH_INLINE LightSight seen(const Envmap& light, const LightRecord& record, const 
               static_cast<float>(image.height) / (4.0f * kPi)};
 }
 
-PH_INLINE float pdf(const Envmap& light, const LightRecord& record, const LightTables& tables,
-                    Vec3 direction) {
-  return seen(light, record, tables, direction).pdf;
-}
-
 }  // namespace parhelion::PH_ISA

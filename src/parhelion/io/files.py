@@ -17,6 +17,8 @@ _RATIO = 20
 _ALWAYS = 1 << 24
 # Bytes of one file
 _LARGEST = 1 << 32
+# Of integrators that follow light from its sources too, often chosen for caustics
+PATH_TRACED = "rendered by path tracing, which finds caustics of small lights seldom or never"
 # Lines about one scene that are told; of more, how many there are
 _TOLD = 50
 

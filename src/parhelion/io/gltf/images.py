@@ -235,9 +235,8 @@ class Images:
         try:
             return read()
         except FormatError as error:
-            raise (
-                error if not isinstance(picture, str) else self._source.error(str(error))
-            ) from None
+            named = isinstance(picture, PictureBytes)  # of which the document is a part
+            raise error if named else self._source.error(str(error)) from None
 
     def _once(
         self, key: tuple[Any, ...], where: str, make: Callable[[], NDArray[Any]]

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ...scene import Settings
+from ..files import PATH_TRACED
 from .document import Object
 from .reader import Reader
 
@@ -54,9 +55,7 @@ def _path(r: Reader, o: Object, settings: Settings) -> Settings:
     """Both count rays, the camera's own included: at 2, light that was scattered once."""
     _common(r, o)
     if o.type in _FROM_LIGHTS:
-        r.report(
-            f"{o}: rendered by path tracing, which finds caustics of small lights seldom or never"
-        )
+        r.report(f"{o}: {PATH_TRACED}")
     depth = r.integer(o, "max_depth", -1)
     if depth < -1:
         raise o.error(f"max_depth is {depth}; must be -1, for no limit, or 0 and above")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...scene import Camera, Settings
+from ..files import PATH_TRACED
 from .items import Item
 from .transforms import Matrix
 
@@ -296,9 +297,7 @@ def _integrator(r: Reader, settings: Settings) -> Settings:
         item.report("rendered by path tracing, with all light")
     else:
         if item.type in _FROM_LIGHTS:
-            item.report(
-                "rendered by path tracing, which finds caustics of small lights seldom or never"
-            )
+            item.report(PATH_TRACED)
         # what is particular to a method changes how light is found, not which
         item.ignore(*item.parameters)
     item.ignore("regularize", "lightsampler", "lightsamplestrategy", "rrthreshold", "pixelbounds")
