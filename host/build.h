@@ -1,11 +1,12 @@
 // Building the tree: top-down, by the surface area heuristic, into nodes of sixteen children.
 //
 // Primitives are first sorted into the cells of a grid, from which two or three levels of nodes are
-// made at once, and their parts into cells of their own, until some hundred are left, which are
-// divided two by two. What is sorted are numbers of primitives, whose boxes are made when they are
-// asked for; only parts that caches hold are copied. Nothing is kept but the order that results,
-// the nodes, and how many primitives each leaf has; nodes and blocks are then written where the
-// scene has them.
+// made at once, and their parts into cells of their own. Parts of some thousand, and larger ones
+// that lie too unevenly for a grid, are divided two by two down to leaves, and the best nodes of
+// sixteen over these are found. What is sorted are numbers of primitives, whose boxes are made when
+// they are asked for; only parts that caches hold are copied. Nothing is kept but the order that
+// results, the nodes, and how many primitives each leaf has; nodes and blocks are then written
+// where the scene has them.
 //
 // The tree depends on the primitives alone, not on the number of threads: sums over parts are only
 // minima, maxima and counts, which no order changes, sorting keeps the order within a cell, and the
@@ -246,7 +247,6 @@ class TreeBuilder {
 
  private:
   static constexpr size_t kLeafSize = 16;
-  static constexpr double kUsualLeaf = 15.0;  // primitives in a leaf, as measured on average
   static constexpr int kBins = 16;
   // Below this many primitives a subtree is one thread's job; of more primitives than kLargeJob
   // none is, as they are copied.
@@ -254,7 +254,13 @@ class TreeBuilder {
   // Grids have a cell for so many primitives on average, and at most kMostCells. A node is made of
   // no fewer than kCellsANode cells, and of fewer primitives than kGridSize by bins, which
   // are finer.
-  static constexpr size_t kPerCell = 8, kMostCells = 32768, kCellsANode = 512, kGridSize = 1024;
+  static constexpr size_t kPerCell = 8, kMostCells = 32768, kCellsANode = 512, kGridSize = 2048;
+  // A cell of so many times the usual number of primitives is crowded.
+  static constexpr size_t kCrowd = 4;
+  // What a node costs in memory, as a share of what rays pay for the uppermost of its part.
+  static constexpr float kNodeMemory = 0.01f;
+  // What has been divided in two so often is halved from there on.
+  static constexpr int kMostForks = 64;
   // Primitives are fetched so many before they are looked at.
   static constexpr size_t kAhead = 16;
   static constexpr size_t kNoNode = std::numeric_limits<size_t>::max();
@@ -287,6 +293,12 @@ class TreeBuilder {
     Ref* refs;
     size_t size;
     Extent box, centers;
+
+    bool is_point() const {
+      float extent[4];
+      (centers.high - centers.low).store(extent);
+      return extent[0] == 0.0f && extent[1] == 0.0f && extent[2] == 0.0f;
+    }
   };
   struct Bin {
     Extent box;
@@ -453,7 +465,8 @@ class TreeBuilder {
 
   // The nodes over `items`, which go to `sorted` by what is below: primitives or numbers of these.
   // The first node is the uppermost. A part of no more than `enough` is not divided. False, where
-  // all centres are one, or the tree so deep that its depth must be bounded.
+  // all centres are one, a thread's part too uneven, or the tree so deep that its depth must be
+  // bounded.
   template <class Item>
   bool divide(const Item* items, Item* sorted, size_t n, const Extent& centers, int depth,
               size_t enough, std::vector<Node>& nodes, std::vector<Open>& below) const {
@@ -490,6 +503,7 @@ class TreeBuilder {
       total = &merged;
     }
 
+    if (!threads && crowded(*total, n)) return false;
     Cells all{{0, 0, 0}, {grid.size[0], grid.size[1], grid.size[2]}, {}, false};
     for (const Bin& b : *total) all.sum.grow(b);
     std::vector<std::uint16_t> part_of(cells);
@@ -515,6 +529,15 @@ class TreeBuilder {
       }
     }
     return true;
+  }
+
+  // Most primitives lie in few cells: a grid of their own would still tell them poorly apart.
+  static bool crowded(const std::vector<Bin>& bins, size_t n) {
+    size_t crowd = 0;
+    for (const Bin& b : bins) {
+      if (b.count * bins.size() > kCrowd * n) crowd += b.count;
+    }
+    return 2 * crowd > n;
   }
 
   Child node_over(const Grid& grid, const std::vector<Bin>& bins, const Cells& all, int depth,
@@ -545,51 +568,20 @@ class TreeBuilder {
     return static_cast<Child>(index);
   }
 
-  // How many children a part of n primitives has, such that the levels below are filled evenly:
-  // sixteen each from the top would leave the last level of nodes two or three leaves. A child of
-  // more than `most` would have one level more below it than the others.
-  struct Fanout {
-    int wanted;
-    size_t most;
-
-    explicit Fanout(size_t n) {
-      const double leaves = static_cast<double>(n) / kUsualLeaf;
-      int levels = 1;
-      double capacity = 16.0;
-      for (; capacity < leaves; capacity *= 16.0) ++levels;
-      wanted = std::clamp(static_cast<int>(std::ceil(std::pow(leaves, 1.0 / levels))), 2, 16);
-      most = levels == 1 ? kLeafSize : static_cast<size_t>(capacity / 16.0 * kUsualLeaf);
-    }
-  };
-
-  // Which part to divide next: of those that are too large, else of all while more are wanted, the
-  // one of largest surface. -1: none.
-  template <class P>
-  static int next_of(const P* child, int count, const Fanout& fanout) {
-    int next = -1;
-    float largest = -1.0f;
-    bool large = false;
-    for (int i = 0; i < count && count < 16; ++i) {
-      const size_t n = size_of(child[i]);
-      const bool too_large = n > fanout.most;
-      if (n <= kLeafSize || (!too_large && (large || count >= fanout.wanted))) continue;
-      const float size = surface_of(child[i]);
-      if (size > largest || (too_large && !large)) next = i, largest = size, large = too_large;
-    }
-    return next;
-  }
-  static size_t size_of(const Cells& c) { return c.whole ? 0 : c.sum.count; }
-  static float surface_of(const Cells& c) { return c.sum.box.half_area(); }
-  static size_t size_of(const Part& p) { return p.size; }
-  static float surface_of(const Part& p) { return p.box.half_area(); }
-
-  // Up to sixteen parts, made by dividing one of them again and again.
+  // Up to sixteen parts, made by dividing the one of largest surface again and again.
   int children_of(const Grid& grid, const std::vector<Bin>& bins, const Cells& all,
                   Cells (&child)[16]) const {
-    const Fanout fanout(all.sum.count);
     int count = 1;
     child[0] = all;
-    for (int next; (next = next_of(child, count, fanout)) >= 0;) {
+    while (count < 16) {
+      int next = -1;
+      float largest = -1.0f;
+      for (int i = 0; i < count; ++i) {
+        if (child[i].whole || child[i].sum.count <= kLeafSize) continue;
+        const float size = child[i].sum.box.half_area();
+        if (size > largest) next = i, largest = size;
+      }
+      if (next < 0) break;
       if (split(grid, bins, child[next], child[count])) ++count;
     }
     return count;
@@ -677,9 +669,8 @@ class TreeBuilder {
     return std::min(kBins - 1, static_cast<int>((x - low) * scale));
   }
 
-  // Divides a part in two of the least expected cost; by the middle one where centres coincide, or
-  // where the tree would become too deep.
-  static void split(const Part& p, bool by_count, Part& left, Part& right) {
+  // Divides a part in two of the least expected cost; by the middle one where centres coincide.
+  static void split(const Part& p, Part& left, Part& right) {
     float low[4], extent[4], scale[4] = {};
     p.centers.low.store(low);
     (p.centers.high - p.centers.low).store(extent);
@@ -689,30 +680,28 @@ class TreeBuilder {
     }
     int axis = -1;
     size_t best_bin = 0;
-    if (!by_count) {
-      Bin bins[3][kBins];
-      const Point base = p.centers.low, factor = Point::of(scale),
-                  last = Point::all(static_cast<float>(kBins - 1));
-      for (size_t i = 0; i < p.size; ++i) {
-        const Ref& r = p.refs[i];
-        float at[4];
-        min((center_of(r) - base) * factor, last).store(at);
-        for (int k = 0; k < 3; ++k) {
-          Bin& bin = bins[k][static_cast<int>(at[k])];
-          bin.box.grow(r);
-          ++bin.count;
-        }
-      }
-      float best_cost = INFINITY;
+    Bin bins[3][kBins];
+    const Point base = p.centers.low, factor = Point::of(scale),
+                last = Point::all(static_cast<float>(kBins - 1));
+    for (size_t i = 0; i < p.size; ++i) {
+      const Ref& r = p.refs[i];
+      float at[4];
+      min((center_of(r) - base) * factor, last).store(at);
       for (int k = 0; k < 3; ++k) {
-        size_t cut = 0;
-        if (scale[k] == 0.0f) continue;
-        const float c = best_of(bins[k], kBins, cut);
-        if (c < best_cost) best_cost = c, axis = k, best_bin = cut;
+        Bin& bin = bins[k][static_cast<int>(at[k])];
+        bin.box.grow(r);
+        ++bin.count;
       }
     }
+    float best_cost = INFINITY;
+    for (int k = 0; k < 3; ++k) {
+      size_t cut = 0;
+      if (scale[k] == 0.0f) continue;
+      const float c = best_of(bins[k], kBins, cut);
+      if (c < best_cost) best_cost = c, axis = k, best_bin = cut;
+    }
     if (axis < 0) {
-      split_by_count(p, extent, left, right);
+      split_by_count(p, left, right);
       return;
     }
     const float start = low[axis], s = scale[axis];
@@ -754,7 +743,9 @@ class TreeBuilder {
     }
   }
 
-  static void split_by_count(const Part& p, const float (&extent)[4], Part& left, Part& right) {
+  static void split_by_count(const Part& p, Part& left, Part& right) {
+    float extent[4];
+    (p.centers.high - p.centers.low).store(extent);
     int axis = 0;
     for (int k = 1; k < 3; ++k) {
       if (extent[k] > extent[axis]) axis = k;
@@ -766,28 +757,6 @@ class TreeBuilder {
     });
     left = measure(p.refs, cut);
     right = measure(p.refs + cut, p.size - cut);
-  }
-
-  // As of a grid's cells; the part of most primitives is divided where the tree has grown so deep
-  // that its depth must be bounded.
-  static int children_of(const Part& p, int depth, Part (&child)[16]) {
-    const bool by_count = depth > kMaxTreeDepth / 2;
-    const auto larger = [](const Part& a, const Part& b) { return a.size < b.size; };
-    const Fanout fanout(p.size);
-    int count = 1;
-    child[0] = p;
-    for (;;) {
-      int next = next_of(child, count, fanout);
-      if (by_count) {
-        next = static_cast<int>(std::max_element(child, child + count, larger) - child);
-        if (count == 16 || child[next].size <= kLeafSize) next = -1;
-      }
-      if (next < 0) break;
-      const Part whole = child[next];
-      split(whole, by_count, child[next], child[count]);
-      ++count;
-    }
-    return count;
   }
 
   static Node empty_node() {
@@ -817,18 +786,109 @@ class TreeBuilder {
         return static_cast<Child>(index);
       }
     }
-    return small_tree(part, depth, out);
+    return fine_tree(part, depth, out);
   }
 
-  Child small_tree(const Part& part, int depth, Local& out) const {
+  Child fine_tree(const Part& part, int depth, Local& out) const {
+    if (part.size <= kLeafSize) return leaf(part, out);
+    if (depth > kMaxTreeDepth / 2 || part.is_point()) return even_tree(part, depth, out);
+    std::vector<Fork> forks;
+    forks.reserve(2 * (part.size / kLeafSize) + 1);
+    fork(part, part.box.half_area() * kNodeMemory, 0, forks);
+    return join(forks, 0, depth, out);
+  }
+
+  // Of what no cut divides, or what lies too deep: into parts of as many primitives each.
+  Child even_tree(const Part& part, int depth, Local& out) const {
     if (part.size <= kLeafSize) return leaf(part, out);
     Part child[16];
-    const int count = children_of(part, depth, child);
+    int count = 1;
+    child[0] = part;
+    while (count < 16) {
+      Part& most = *std::max_element(child, child + count,
+                                     [](const Part& a, const Part& b) { return a.size < b.size; });
+      if (most.size <= kLeafSize) break;
+      const Part whole = most;
+      split_by_count(whole, most, child[count++]);
+    }
     const size_t index = out.nodes.size();
     out.nodes.push_back(empty_node());
     for (int i = 0; i < count; ++i) {
       set_box(out.nodes[index], i, child[i].box);
-      const Child c = small_tree(child[i], depth + 1, out);
+      const Child c = even_tree(child[i], depth + 1, out);
+      out.nodes[index].child[i] = c;
+    }
+    return static_cast<Child>(index);
+  }
+
+  // A part divided in two, and those again, down to leaves; and what the best nodes of sixteen
+  // over it cost: cost[i] as up to i + 1 children of a node above. Of the children that it is
+  // given, the left half takes first[i], 0 if it is better a child itself.
+  struct Fork {
+    Part part;
+    size_t right;  // index; the left one follows. 0: a leaf
+    float cost[15];
+    std::uint8_t first[16];
+  };
+
+  // Method: H. Ylitie, T. Karras and S. Laine, "Efficient Incoherent Ray Traversal on GPUs Through
+  // Compressed Wide BVHs", HPG 2017, section 3.1; leaves are what they are.
+  // memory: what a node costs, however seldom rays visit it.
+  static void fork(const Part& part, float memory, int levels, std::vector<Fork>& forks) {
+    const size_t index = forks.size();
+    forks.push_back({part, 0, {}, {}});
+    if (part.size <= kLeafSize) return;
+    Part left, right;
+    if (levels < kMostForks) {
+      split(part, left, right);
+    } else {
+      split_by_count(part, left, right);
+    }
+    fork(left, memory, levels + 1, forks);
+    forks[index].right = forks.size();
+    fork(right, memory, levels + 1, forks);
+    Fork& f = forks[index];
+    const float* a = forks[index + 1].cost;
+    const float* b = forks[f.right].cost;
+    const auto best = [&](int children, std::uint8_t& first) {
+      float least = a[0] + b[children - 2];
+      first = 1;
+      for (int k = 2; k < children; ++k) {
+        const float c = a[k - 1] + b[children - k - 1];
+        if (c < least) least = c, first = static_cast<std::uint8_t>(k);
+      }
+      return least;
+    };
+    f.cost[0] = best(16, f.first[15]) + part.box.half_area() + memory;
+    f.first[0] = 0;
+    for (int children = 2; children < 16; ++children) {
+      const size_t i = static_cast<size_t>(children - 1);
+      f.cost[i] = best(children, f.first[i]);
+      if (f.cost[0] <= f.cost[i]) f.cost[i] = f.cost[0], f.first[i] = 0;
+    }
+  }
+
+  // Writes what the costs say.
+  Child join(const std::vector<Fork>& forks, size_t top, int depth, Local& out) const {
+    if (depth > kMaxTreeDepth / 2) return even_tree(forks[top].part, depth, out);
+    if (forks[top].right == 0) return leaf(forks[top].part, out);
+    size_t child[16];
+    int count = 0;
+    const auto gather = [&](const auto& self, size_t f, size_t children) -> void {
+      const std::uint8_t left = forks[f].first[children - 1];
+      if (left == 0) {
+        child[count++] = f;
+      } else {
+        self(self, f + 1, left);
+        self(self, forks[f].right, children - left);
+      }
+    };
+    gather(gather, top, 16);
+    const size_t index = out.nodes.size();
+    out.nodes.push_back(empty_node());
+    for (int i = 0; i < count; ++i) {
+      set_box(out.nodes[index], i, forks[child[i]].part.box);
+      const Child c = join(forks, child[i], depth + 1, out);
       out.nodes[index].child[i] = c;
     }
     return static_cast<Child>(index);

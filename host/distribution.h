@@ -5,6 +5,7 @@
 
 #include "../core/distribution.h"
 #include "../core/image.h"
+#include "array.h"
 
 namespace parhelion {
 
@@ -19,13 +20,13 @@ class DistributionTable {
             column_guide_.data(), width_,          height_};
   }
   std::size_t memory() const {
-    return (rows_.size() + columns_.size()) * (sizeof(u32) + sizeof(u16));
+    return rows_.bytes() + columns_.bytes() + row_guide_.bytes() + column_guide_.bytes();
   }
 
  private:
   u32 width_, height_;
-  std::vector<u32> rows_, columns_;
-  std::vector<u16> row_guide_, column_guide_;
+  Array<u32> rows_, columns_;
+  Array<u16> row_guide_, column_guide_;
 };
 
 // Of an environment's image, its luminance times solid angle: see core/panorama.h.

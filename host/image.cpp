@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <vector>
 
 #include "errors.h"
 #include "threads.h"
@@ -118,11 +119,11 @@ ImagePyramid::ImagePyramid(const ImageInput& input) {
   }
   if (input.type == SampleType::uint8) {
     view_.format = input.srgb ? ImageFormat::srgb8 : ImageFormat::linear8;
-    bytes_.resize(total * view_.channels);
+    bytes_ = Array<u8>(total * view_.channels);
     view_.texels = bytes_.data();
   } else {
     view_.format = ImageFormat::float32;
-    floats_.resize(total * view_.channels);
+    floats_ = Array<float>(total * view_.channels);
     view_.texels = floats_.data();
   }
   switch (input.type) {

@@ -1,9 +1,9 @@
 // Images: from arrays of the usual number types to pyramids that the kernels look up.
 #pragma once
 #include <string>
-#include <vector>
 
 #include "../core/image.h"
+#include "array.h"
 
 namespace parhelion {
 
@@ -32,7 +32,7 @@ class ImagePyramid {
   // The least and the greatest linear value of the colours.
   float low() const { return low_; }
   float high() const { return high_; }
-  size_t memory() const { return bytes_.size() + floats_.size() * sizeof(float); }
+  size_t memory() const { return bytes_.bytes() + floats_.bytes(); }
 
  private:
   template <class Sample>
@@ -42,8 +42,8 @@ class ImagePyramid {
   void check(const ImageInput& input);
 
   ImageView view_{};
-  std::vector<u8> bytes_;
-  std::vector<float> floats_;
+  Array<u8> bytes_;
+  Array<float> floats_;
   float low_ = 0.0f, high_ = 0.0f;
 };
 

@@ -429,20 +429,21 @@ static Vec3 unit(const float* v) {
 
 void Scene::keep_mesh(const ShapeInput& s, ShapeRecord& record) {
   auto data = std::make_unique<MeshData>();
-  data->faces.assign(s.faces, s.faces + 3 * s.count);
+  data->faces = Array<u32>(3 * s.count);
+  std::copy(s.faces, s.faces + 3 * s.count, data->faces.begin());
   record.faces = data->faces.data();
   if (s.normals) {
-    data->normals.resize(s.vertex_count);
+    data->normals = Array<Vec3>(s.vertex_count);
     for (size_t i = 0; i < s.vertex_count; ++i) data->normals[i] = unit(s.normals + 3 * i);
     record.normals = data->normals.data();
   }
   if (s.uvs) {
-    data->uvs.resize(s.vertex_count);
+    data->uvs = Array<Vec2>(s.vertex_count);
     for (size_t i = 0; i < s.vertex_count; ++i) data->uvs[i] = {s.uvs[2 * i], s.uvs[2 * i + 1]};
     record.uvs = data->uvs.data();
   }
   if (s.tangents) {
-    data->tangents.resize(s.vertex_count);
+    data->tangents = Array<Tangent>(s.vertex_count);
     for (size_t i = 0; i < s.vertex_count; ++i) {
       const float* t = s.tangents + 4 * i;
       data->tangents[i] = {unit(t), t[3] < 0.0f ? -1.0f : 1.0f};
@@ -451,9 +452,9 @@ void Scene::keep_mesh(const ShapeInput& s, ShapeRecord& record) {
   }
   for (const AttributeInput& a : s.attributes) {
     const size_t n = a.rows * a.components;
-    data->values.push_back(std::make_unique<float[]>(n));
-    std::copy(a.values, a.values + n, data->values.back().get());
-    data->attributes.push_back({data->values.back().get(), a.name, a.components, a.per_face});
+    Array<float>& values = data->values.emplace_back(n);
+    std::copy(a.values, a.values + n, values.begin());
+    data->attributes.push_back({values.data(), a.name, a.components, a.per_face});
   }
   record.attributes = data->attributes.data();
   record.attribute_count = static_cast<u32>(data->attributes.size());
@@ -648,8 +649,8 @@ size_t Scene::memory() const {
 #include "../core/shapes.def"
 #undef SHAPE
   for (const auto& mesh : meshes_) {
-    n += mesh->faces.capacity() * sizeof(u32) + mesh->normals.capacity() * sizeof(Vec3) +
-         mesh->uvs.capacity() * sizeof(Vec2) + mesh->tangents.capacity() * sizeof(Tangent);
+    n += mesh->faces.bytes() + mesh->normals.bytes() + mesh->uvs.bytes() + mesh->tangents.bytes();
+    for (const Array<float>& values : mesh->values) n += values.bytes();
   }
   for (const ImagePyramid& p : pyramids_) n += p.memory();
   return n;

@@ -112,12 +112,12 @@ class Scene {
  private:
   // What is kept of a mesh for its surface.
   struct MeshData {
-    std::vector<u32> faces;
-    std::vector<Vec3> normals;
-    std::vector<Vec2> uvs;
-    std::vector<Tangent> tangents;
+    Array<u32> faces;
+    Array<Vec3> normals;
+    Array<Vec2> uvs;
+    Array<Tangent> tangents;
     std::vector<MeshAttribute> attributes;
-    std::vector<std::unique_ptr<float[]>> values;
+    std::vector<Array<float>> values;
   };
   struct PlannedTree;
   // A group in units of its own.
