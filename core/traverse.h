@@ -51,12 +51,16 @@ PH_INLINE GroupRay into_group(const Instance& instance, u32 index, const Ray& ra
 // A block's hits that are nearer than the best so far. With kAny, true at the first hit.
 template <bool kAny, class Block>
 PH_INLINE bool test_block(const Block& block, Child leaf, const Ray& ray, NearestHit& best) {
-  alignas(64) float t[16];
   const u32 self_lane = ray.self.leaf == leaf ? ray.self.lane : kNone;
+  const u32 ignored = kAny && best.ignore.leaf == leaf ? 1u << best.ignore.lane : 0;
+  if constexpr (kAny && requires { intersect_any(block, ray, best.hit.t, ignored); }) {
+    const u32 self = self_lane != kNone ? 1u << self_lane : 0;
+    return intersect_any(block, ray, best.hit.t, ignored | self);
+  }
+  alignas(64) float t[16];
   u32 hits = intersect(block, ray, best.hit.t, self_lane, t);
   if constexpr (kAny) {
-    if (best.ignore.leaf == leaf) hits &= ~(1u << best.ignore.lane);
-    return hits != 0;
+    return (hits & ~ignored) != 0;
   } else {
     while (hits != 0) {
       const u32 lane = lowest_bit(hits);

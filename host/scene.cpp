@@ -88,10 +88,10 @@ struct Leaves {
       const u32 shape = shape_of(ids[i]);
       made[i] = make_primitive<Shape>(shapes[shape], ids[i] - first[shape], scale);
     }
-    const u32 twins = twins_of(made, ids, n);
+    const u32 without = left_out(made, ids, n);
     block = empty_block<Block>();
     for (size_t i = 0; i < n; ++i) {
-      if (!(twins >> i & 1u)) put(block, i, made[i], first_id + ids[i]);
+      if (!(without >> i & 1u)) put(block, i, made[i], first_id + ids[i]);
     }
   }
 };
@@ -397,7 +397,7 @@ void Scene::write_groups(std::vector<BuiltGroup>& built) {
   for (Instance& i : instances_) i.root = groups_[i.group].root;
 }
 
-// Where the emitters have come to lie; those that coincide with another lie nowhere.
+// Where the emitters have come to lie; those that are left out of their leaves lie nowhere.
 void Scene::find_emitters(BuiltGroup& group, const Group& place) const {
   if (group.emitters.empty()) return;
   const auto find = [&](const auto& blocks, ShapeKind kind, u32 first, u32 last) {

@@ -119,10 +119,11 @@ void put(Block& block, size_t lane, const Shape& shape, u32 id) {
   block.id[lane] = id;
 }
 
-// Of spheres that coincide, the one of the lowest id stands for all: a ray that starts on one would
-// otherwise meet its twin at once, or not, as rounding has it. Centres that coincide share a leaf
-// unless there are more of them than it holds. Bit i: another stands for sphere i.
-inline u32 twins_of(const baseline::Sphere* spheres, const u32* ids, size_t n) {
+// Which of a leaf's primitives are left out of it, a bit for each. Of spheres that coincide, the
+// one of the lowest id stands for all: a ray that starts on one would otherwise meet its twin at
+// once, or not, as rounding has it. Centres that coincide share a leaf unless there are more of
+// them than it holds.
+inline u32 left_out(const baseline::Sphere* spheres, const u32* ids, size_t n) {
   u32 twins = 0;
   for (size_t i = 1; i < n; ++i) {
     const baseline::Sphere& s = spheres[i];
@@ -136,8 +137,17 @@ inline u32 twins_of(const baseline::Sphere* spheres, const u32* ids, size_t n) {
   }
   return twins;
 }
+// Triangles that are mere lines, which nothing meets.
+inline u32 left_out(const baseline::Triangle* triangles, const u32*, size_t n) {
+  u32 lines = 0;
+  for (size_t i = 0; i < n; ++i) {
+    const auto normal = baseline::doubled_area(triangles[i]);
+    if (normal.x == 0.0 && normal.y == 0.0 && normal.z == 0.0) lines |= 1u << i;
+  }
+  return lines;
+}
 template <class Shape>
-u32 twins_of(const Shape*, const u32*, size_t) {
+u32 left_out(const Shape*, const u32*, size_t) {
   return 0;
 }
 

@@ -8,8 +8,10 @@
 // Method: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013.
 //
 // In float the sign of an edge function is right or it is 0, since rounding keeps the order of its
-// two products. So float finds the candidates, few of sixteen, and double, where those products are
-// exact, decides and gives the distance: the weights of a needle would mean nothing in float.
+// two products. So float tells which of sixteen triangles the ray passes through, but for those
+// where one is 0: there double decides, in which the products are exact. Double also gives the
+// distance of those that are not too near or too far whatever it is: the weights of a needle would
+// mean nothing in float.
 #pragma once
 #include "point.h"
 
@@ -49,26 +51,26 @@ PH_INLINE float area(const Triangle& t) {
   return static_cast<float>(0.5 * length(doubled_area(t)));
 }
 
-// A projected vertex is wrong by the rounding of 2 differences and 4 more operations with numbers
-// up to 4: by 24 kRounding along each of two axes, which kBoxPad exceeds.
+// A projected vertex is wrong by the rounding of 2 differences and 5 more operations with numbers
+// up to 4: by 28 kRounding along each of two axes, which kBoxPad exceeds.
 PH_INLINE Box bounds(const Triangle& t) {
   return padded(min(t.vertex[0], min(t.vertex[1], t.vertex[2])),
                 max(t.vertex[0], max(t.vertex[1], t.vertex[2])));
 }
 
-// What the test wants to know of a ray: the axis z along which it runs fastest, the two others, and
-// its steps along them for one along z.
+// What the test wants to know of a ray: the axis z along which it runs fastest, the two others, its
+// steps along them for one along z, and the length of ray for that one.
 struct Shear {
   int x, y, z;
-  float step_x, step_y;
+  float step_x, step_y, inverse;
 };
 
 PH_INLINE Shear shear_along(Vec3 direction) {
   const float ax = abs(direction.x), ay = abs(direction.y), az = abs(direction.z);
   const int z = ax >= ay && ax >= az ? 0 : ay >= az ? 1 : 2;
   const int x = z == 2 ? 0 : z + 1, y = x == 2 ? 0 : x + 1;
-  const float along = component(direction, z);
-  return {x, y, z, component(direction, x) / along, component(direction, y) / along};
+  const float inverse = 1.0f / component(direction, z);
+  return {x, y, z, component(direction, x) * inverse, component(direction, y) * inverse, inverse};
 }
 
 // Edge functions, which are the vertices' weights times `sum`: of one sign, not all 0, where the
@@ -94,12 +96,9 @@ PH_INLINE bool pierced(const Triangle& t, const Ray& ray, const Shear& shear, We
   return inside && w.sum != 0.0;
 }
 
-// Distance at which the ray passes through, if it does and the triangle is not a mere line.
-PH_INLINE bool pierced_at(const Triangle& t, const Ray& ray, const Shear& shear, float& distance) {
-  Weights w;
-  if (!pierced(t, ray, shear, w)) return false;
+// Distance at which the ray passes through a triangle that is no mere line.
+PH_INLINE float distance_to(const Triangle& t, const Ray& ray, const Shear& shear) {
   const DVec3 n = doubled_area(t);
-  if (n.x == 0.0 && n.y == 0.0 && n.z == 0.0) return false;
   // By the plane: the weights' rounding would make a distance of the 0 at which a ray that starts
   // on a neighbour's edge meets this one. Of rays along the plane, between the vertices'.
   const double height = dot(n, difference(t.vertex[0], ray.origin));
@@ -110,45 +109,78 @@ PH_INLINE bool pierced_at(const Triangle& t, const Ray& ray, const Shear& shear,
   const double low = min(a, min(b, c)), high = max(a, max(b, c));
   const double z = start + at * step;
   if (z < low || z > high) at = (clamp(z, low, high) - start) / step;
-  distance = static_cast<float>(at);
-  return true;
+  return static_cast<float>(at);
+}
+
+// What float tells of a block's triangles, a bit for each.
+struct Passed {
+  u32 may;     // the ray may pass through at a distance in (0, limit]
+  u32 does;    // of all: it passes through, at whatever distance
+  u32 within;  // of all: if it does, it is at a distance in (0, limit]
+};
+
+PH_INLINE Passed pass(const TriangleBlock& block, const Ray& ray, const Shear& shear, float limit) {
+  const Lanes origin_x = all(component(ray.origin, shear.x));
+  const Lanes origin_y = all(component(ray.origin, shear.y));
+  const Lanes origin_z = all(component(ray.origin, shear.z));
+  const Lanes step_x = all(shear.step_x), step_y = all(shear.step_y);
+  Lanes x[3], y[3], z[3];
+  for (int k = 0; k < 3; ++k) {
+    z[k] = load(block.vertex[k][shear.z]) - origin_z;
+    x[k] = (load(block.vertex[k][shear.x]) - origin_x) - step_x * z[k];
+    y[k] = (load(block.vertex[k][shear.y]) - origin_y) - step_y * z[k];
+  }
+  const Lanes a = x[2] * y[1] - y[2] * x[1];
+  const Lanes b = x[0] * y[2] - y[0] * x[2];
+  const Lanes c = x[1] * y[0] - y[1] * x[0];
+  const Lanes least = min(a, min(b, c)), most = max(a, max(b, c)), zero = all(0.0f);
+  const u32 may = bits((zero <= least) | (most <= zero));
+  if (may == 0) return {0, 0, 0};
+  // The distance lies between those of the vertices along z, each of them rounded three times.
+  const Lanes inverse = all(shear.inverse);
+  for (Lanes& vertex : z) vertex = vertex * inverse;
+  const Lanes nearest = min(z[0], min(z[1], z[2])), farthest = max(z[0], max(z[1], z[2]));
+  constexpr float kSlack = 0x1p-21f;
+  return {may & bits((zero < farthest) & (nearest <= all(limit * (1.0f + kSlack)))),
+          bits((zero < least) | (most < zero)),
+          bits((zero < nearest) & (farthest <= all(limit * (1.0f - kSlack))))};
 }
 
 // Distances to the block's triangles, and a bit for each that is hit at 0 < t <= limit.
 // self_lane: the lane that the ray starts on, which is never hit, or kNone. The direction may have
 // any length.
-PH_INLINE u32 intersect(const TriangleBlock& block, const Ray& ray, const Shear& shear, float limit,
-                        u32 self_lane, float* distance) {
-  const Lanes origin_x = all(component(ray.origin, shear.x));
-  const Lanes origin_y = all(component(ray.origin, shear.y));
-  const Lanes origin_z = all(component(ray.origin, shear.z));
-  const Lanes step_x = all(shear.step_x), step_y = all(shear.step_y);
-  Lanes x[3], y[3];
-  for (int k = 0; k < 3; ++k) {
-    const Lanes z = load(block.vertex[k][shear.z]) - origin_z;
-    x[k] = (load(block.vertex[k][shear.x]) - origin_x) - step_x * z;
-    y[k] = (load(block.vertex[k][shear.y]) - origin_y) - step_y * z;
-  }
-  const Lanes a = x[2] * y[1] - y[2] * x[1];
-  const Lanes b = x[0] * y[2] - y[0] * x[2];
-  const Lanes c = x[1] * y[0] - y[1] * x[0];
-  const Lanes zero = all(0.0f);
-  u32 candidates = bits((zero <= min(a, min(b, c))) | (max(a, max(b, c)) <= zero));
-  if (self_lane != kNone) candidates &= ~(1u << self_lane);
+PH_INLINE u32 intersect(const TriangleBlock& block, const Ray& ray, float limit, u32 self_lane,
+                        float* distance) {
+  const Shear shear = shear_along(ray.direction);
+  Passed passed = pass(block, ray, shear, limit);
+  if (self_lane != kNone) passed.may &= ~(1u << self_lane);
   u32 hit = 0;
-  for (; candidates != 0; candidates &= candidates - 1) {
-    const u32 lane = lowest_bit(candidates);
-    if (pierced_at(primitive(block, lane), ray, shear, distance[lane]) && distance[lane] > 0.0f &&
-        distance[lane] <= limit) {
-      hit |= 1u << lane;
-    }
+  for (; passed.may != 0; passed.may &= passed.may - 1) {
+    const u32 lane = lowest_bit(passed.may);
+    const Triangle t = primitive(block, lane);
+    Weights w;
+    if ((passed.does >> lane & 1u) == 0 && !pierced(t, ray, shear, w)) continue;
+    distance[lane] = distance_to(t, ray, shear);
+    if (distance[lane] > 0.0f && distance[lane] <= limit) hit |= 1u << lane;
   }
   return hit;
 }
 
-PH_INLINE u32 intersect(const TriangleBlock& block, const Ray& ray, float limit, u32 self_lane,
-                        float* distance) {
-  return intersect(block, ray, shear_along(ray.direction), limit, self_lane, distance);
+// Whether any is hit but those of `ignored`, a bit for each.
+PH_INLINE bool intersect_any(const TriangleBlock& block, const Ray& ray, float limit, u32 ignored) {
+  const Shear shear = shear_along(ray.direction);
+  Passed passed = pass(block, ray, shear, limit);
+  passed.may &= ~ignored;
+  if ((passed.may & passed.does & passed.within) != 0) return true;
+  for (; passed.may != 0; passed.may &= passed.may - 1) {
+    const u32 lane = lowest_bit(passed.may);
+    const Triangle t = primitive(block, lane);
+    Weights w;
+    if ((passed.does >> lane & 1u) == 0 && !pierced(t, ray, shear, w)) continue;
+    const float distance = distance_to(t, ray, shear);
+    if (distance > 0.0f && distance <= limit) return true;
+  }
+  return false;
 }
 
 // Where a ray that hits meets the surface.

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <memory>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -359,6 +360,39 @@ void hard_cases_build() {
   CHECK(tree.slot.leaf != kNone && tree.t == brute.t && tree.slot.leaf == brute.slot.leaf);
 }
 
+// Triangles without an area, aimed at: neither nearest hits nor shadow rays meet them.
+void lines_stop_nothing() {
+  const std::vector<float> vertices = {0.125f, 0.25f, 0.5f, 0.375f, 0.75f, 0.75f,
+                                       0.625f, 1.25f, 1.0f, 0.375f, 0.75f, 0.75f};
+  const std::vector<u32> faces = {0, 1, 2, 0, 1, 3, 2, 2, 2};
+  ShapeInput lines;
+  lines.kind = ShapeKind::triangle;
+  lines.name = "lines";
+  lines.count = faces.size() / 3;
+  lines.vertex_count = vertices.size() / 3;
+  lines.faces = faces.data();
+  lines.arrays = {{"vertices", vertices.data(), false, false, 3}};
+  const Scene scene(input_of({lines}, Cloud::materials()));
+  std::mt19937 engine(5);
+  std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
+  for (int i = 0; i < 2000; ++i) {
+    const float at = uniform(engine);
+    const Vec3 target = {0.125f + 0.5f * at, 0.25f + at, 0.5f + 0.5f * at};
+    const Vec3 from = {uniform(engine), uniform(engine), uniform(engine)};
+    const Vec3 way = {target.x - from.x, target.y - from.y, target.z - from.z};
+    const float unit = static_cast<float>(1.0 / scene.view().unit);
+    const Ray ray = {{from.x * unit, from.y * unit, from.z * unit}, way, kNoSlot, false};
+    const float limit = kInfinity;
+    for (const bool tree : {true, false}) {
+      Hit hit;
+      u8 blocked = 1;
+      kernels().intersect(scene.view(), &ray, &limit, 1, tree, &hit);
+      kernels().occluded(scene.view(), &ray, &limit, 1, tree, &blocked);
+      CHECK(hit.slot.leaf == kNone && blocked == 0);
+    }
+  }
+}
+
 void a_pass_can_be_stopped() {
   const Cloud cloud(2000);
   const Scene scene(input_of({cloud.group()}, Cloud::materials()));
@@ -455,6 +489,7 @@ int main() {
   everything_at_once();
   trees_do_not_depend_on_threads();
   hard_cases_build();
+  lines_stop_nothing();
   a_pass_can_be_stopped();
   sums_are_exact_in_any_order();
   mistakes_are_named();

@@ -193,6 +193,9 @@ void meshes_have_no_gaps(float squash, float radius, Vec3 middle, float far) {
                               real(triangle.vertex[2]) - real(triangle.vertex[0]));
         const Real off = dot(n, real(at.point) - real(triangle.vertex[0])) / size(n);
         CHECK(std::abs(off) <= static_cast<Real>(at.error) + 1e-14L && at.error < 1e-7f);
+        const u32 others = ~(1u << lane);
+        CHECK(intersect_any(block, ray, t[lane], others));
+        CHECK(!intersect_any(block, ray, t[lane] * 0.999999f, others));
         ++found;
       }
     }
@@ -217,6 +220,7 @@ void needles_are_met_where_they_are() {
   }
 }
 
+// Scenes have them in no block.
 void lines_and_points_are_no_triangles() {
   const Vec3 a = {0.125f, 0.25f, 0.5f}, b = {0.25f, 0.5f, 0.25f};
   const Triangle dull[] = {{{a, a, a}}, {{a, a, b}}, {{a, b, a + (b - a) * 2.0f}}};
