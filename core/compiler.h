@@ -14,6 +14,7 @@ PH_INLINE float copysign(float size, float sign) { return ::copysignf(size, sign
 PH_INLINE unsigned reverse_bytes(unsigned x) { return __byte_perm(x, 0, 0x0123); }
 PH_INLINE unsigned trailing_zeros(unsigned x) { return static_cast<unsigned>(__ffs(x) - 1); }
 PH_INLINE void copy(void* to, const void* from, unsigned long long n) { memcpy(to, from, n); }
+PH_INLINE void prefetch(const void*) {}  // other threads work meanwhile
 [[noreturn]] PH_INLINE void unreachable() { __builtin_unreachable(); }
 }  // namespace parhelion::compiler
 
@@ -32,6 +33,7 @@ PH_INLINE unsigned trailing_zeros(unsigned x) { return static_cast<unsigned>(__b
 PH_INLINE void copy(void* to, const void* from, unsigned long long n) {
   __builtin_memcpy(to, from, n);
 }
+PH_INLINE void prefetch(const void* p) { __builtin_prefetch(p); }
 [[noreturn]] PH_INLINE void unreachable() { __builtin_unreachable(); }
 }  // namespace parhelion::compiler
 

@@ -41,11 +41,17 @@ PH_INLINE float share_of(const u32* starts, u32 count, u32 i) {
   return static_cast<float>(share_end(starts, count, i) - starts[i]) * 0x1p-32f;
 }
 
+// Where u lies in the whole, and in which of the guide's parts that is.
+PH_INLINE u32 place_of(float u) {
+  return static_cast<u32>(static_cast<u64>(u * 0x1p24f) * kDistributionWhole >> 24);
+}
+PH_INLINE u32 part_of(u32 place, u32 count) {
+  return static_cast<u32>(static_cast<u64>(place) * count >> 32);
+}
+
 // The share in which u falls, and its place within as a new uniform number.
 PH_INLINE u32 pick_share(const u32* starts, const u16* guide, u32 count, float u, float& rest) {
-  const u64 fraction = static_cast<u64>(u * 0x1p24f);
-  const u32 place = static_cast<u32>(fraction * kDistributionWhole >> 24);
-  const u32 part = static_cast<u32>(static_cast<u64>(place) * count >> 32);
+  const u32 place = place_of(u), part = part_of(place, count);
   u32 low = guide[part];  // starts[low] <= place, and below that of the `left` cells on
   u32 left = (part + 1 < count ? guide[part + 1] : count - 1) - low + 1;
   while (left > 1) {
@@ -58,18 +64,43 @@ PH_INLINE u32 pick_share(const u32* starts, const u16* guide, u32 count, float u
   return low;
 }
 
+PH_INLINE u64 row_of(const Distribution& d, u32 y) { return static_cast<u64>(y) * d.width; }
+
+PH_INLINE void pick_row(const Distribution& d, float u, CellSample& s) {
+  s.y = pick_share(d.rows, d.row_guide, d.height, u, s.u.y);
+}
+// In the row that has been picked.
+PH_INLINE void pick_column(const Distribution& d, float u, CellSample& s) {
+  const u64 first = row_of(d, s.y);
+  const u32* row = d.columns + first;
+  s.x = pick_share(row, d.column_guide + first, d.width, u, s.u.x);
+  s.probability = share_of(d.rows, d.height, s.y) * share_of(row, d.width, s.x);
+}
+
 PH_INLINE CellSample sample_cell(const Distribution& d, Vec2 u) {
   CellSample s;
-  s.y = pick_share(d.rows, d.row_guide, d.height, u.y, s.u.y);
-  const u64 first = static_cast<u64>(s.y) * d.width;
-  const u32* row = d.columns + first;
-  s.x = pick_share(row, d.column_guide + first, d.width, u.x, s.u.x);
-  s.probability = share_of(d.rows, d.height, s.y) * share_of(row, d.width, s.x);
+  pick_row(d, u.y, s);
+  pick_column(d, u.x, s);
   return s;
 }
 
+// n cells: what memory is waited for is asked for all of them before any is looked at.
+PH_INLINE void sample_cells(const Distribution* const* d, const Vec2* u, u32 n, CellSample* s) {
+  const auto guide = [&](u32 i) {
+    return d[i]->column_guide + row_of(*d[i], s[i].y) + part_of(place_of(u[i].x), d[i]->width);
+  };
+  for (u32 i = 0; i < n; ++i) {
+    pick_row(*d[i], u[i].y, s[i]);
+    compiler::prefetch(guide(i));
+  }
+  for (u32 i = 0; i < n; ++i) {
+    compiler::prefetch(d[i]->columns + row_of(*d[i], s[i].y) + *guide(i));
+  }
+  for (u32 i = 0; i < n; ++i) pick_column(*d[i], u[i].x, s[i]);
+}
+
 PH_INLINE float cell_probability(const Distribution& d, u32 x, u32 y) {
-  const u32* row = d.columns + static_cast<u64>(y) * d.width;
+  const u32* row = d.columns + row_of(d, y);
   return share_of(d.rows, d.height, y) * share_of(row, d.width, x);
 }
 

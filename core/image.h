@@ -74,10 +74,20 @@ PH_INLINE u32 level_side(u32 side, u32 level) {
   return halved > 0 ? halved : 1;
 }
 
+// Where a texel of a level has its first number.
+PH_INLINE u64 texel_index(const ImageView& image, u32 level, u32 x, u32 y) {
+  const u64 row = static_cast<u64>(y) * level_side(image.width, level);
+  return (image.first[level] + row + x) * image.channels;
+}
+
+PH_INLINE void prefetch(const ImageView& image, u32 level, u32 x, u32 y) {
+  const u64 size = image.format == ImageFormat::float32 ? sizeof(float) : 1;
+  compiler::prefetch(static_cast<const u8*>(image.texels) + texel_index(image, level, x, y) * size);
+}
+
 // A texel of a level, for a place inside it.
 PH_INLINE Texel fetch(const ImageView& image, u32 level, u32 x, u32 y) {
-  const u64 texel = image.first[level] + static_cast<u64>(y) * level_side(image.width, level) + x;
-  const u64 at = texel * image.channels;
+  const u64 at = texel_index(image, level, x, y);
   if (image.format == ImageFormat::float32) {
     const float* c = static_cast<const float*>(image.texels) + at;
     if (image.channels == 1) return {{c[0], c[0], c[0]}, 1.0f};

@@ -35,10 +35,8 @@ PH_INLINE auto with_light(const ParamBlock& block, F&& f) {
   compiler::unreachable();
 }
 
-// Whether it is an image by longitude and latitude.
-PH_INLINE bool is_latlong(const LightRecord& record) {
-  return static_cast<LightKind>(record.block.kind) == LightKind::envmap &&
-         is_latlong(from_block<Envmap>(record.block));
+PH_INLINE bool is_panorama(const LightRecord& record) {
+  return static_cast<LightKind>(record.block.kind) == LightKind::envmap;
 }
 
 // Whether it shines from infinitely far away.

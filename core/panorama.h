@@ -63,9 +63,11 @@ PH_INLINE u32 latlong_rows(const ImageView& image) {
   return image.height > 1 ? image.height - 1 : 1;
 }
 
+PH_INLINE u32 lower_row(const ImageView& image, u32 y) { return y + 1 < image.height ? y + 1 : y; }
+
 PH_INLINE LatLongCell latlong_cell(const ImageView& image, u32 x, u32 y, Vec2 place) {
   const u32 right = x + 1 < image.width ? x + 1 : 0;
-  const u32 lower = y + 1 < image.height ? y + 1 : y;
+  const u32 lower = lower_row(image, y);
   return {x,
           y,
           place,
@@ -136,42 +138,75 @@ PH_INLINE PanoramaSample sample_latlong(const ImageView& image, const Distributi
   return sample_cell_of(image.width, latlong_rows(image), c, s.u, s.probability);
 }
 
-// Cells of such images and places in them, sixteen at once.
+// In a cell that has been picked.
+PH_INLINE PanoramaSample equal_area_sample(const ImageView& image, const CellSample& s) {
+  const float w = static_cast<float>(image.width), h = static_cast<float>(image.height);
+  const Vec2 p = {(static_cast<float>(s.x) + s.u.x) / w, (static_cast<float>(s.y) + s.u.y) / h};
+  return {from_equal_area(p), fetch(image, 0, s.x, s.y).rgb,
+          s.probability * (w * h) / (4.0f * kPi)};
+}
+PH_INLINE PanoramaSample sample_equal_area(const ImageView& image, const Distribution& d, Vec2 u) {
+  return equal_area_sample(image, sample_cell(d, u));
+}
+
+// Directions towards such images, many at once; those by latitude and longitude in a loop that
+// compilers turn into vectors.
 template <u32 kCount>
-struct LatLongBatch {
-  u32 width[kCount], rows[kCount], x[kCount], y[kCount];
-  float corner[2][2][3][kCount], u[2][kCount], probability[kCount];
+struct PanoramaBatch {
+  const ImageView* image[kCount];
+  const Distribution* distribution[kCount];
+  bool latlong[kCount];
+  Vec2 draws[kCount];
+  CellSample cell[kCount];
+  float corner[2][2][3][kCount];
   float direction[3][kCount], color[3][kCount], pdf[kCount];
 
-  PH_INLINE void clear() {
-    *this = {};
-    for (u32 i = 0; i < kCount; ++i) width[i] = rows[i] = 1;
+  PH_INLINE void set(u32 i, const ImageView& panorama, const Distribution& d, bool by_latlong,
+                     Vec2 u) {
+    image[i] = &panorama, distribution[i] = &d, latlong[i] = by_latlong, draws[i] = u;
   }
-  PH_INLINE void set(u32 i, const ImageView& image, const Distribution& d, Vec2 draws) {
-    const CellSample s = sample_cell(d, draws);
-    const LatLongCell c = latlong_cell(image, s.x, s.y, {0.0f, 0.0f});
-    width[i] = image.width, rows[i] = latlong_rows(image), x[i] = s.x, y[i] = s.y;
-    for (int j = 0; j < 2; ++j) {
-      for (int k = 0; k < 2; ++k) {
-        const Vec3 v = c.corner[j][k];
-        corner[j][k][0][i] = v.x, corner[j][k][1][i] = v.y, corner[j][k][2][i] = v.z;
+
+  PH_INLINE void sample(u32 n) {
+    sample_cells(distribution, draws, n, cell);
+    for (u32 i = 0; i < n; ++i) {
+      prefetch(*image[i], 0, cell[i].x, cell[i].y);
+      if (latlong[i]) prefetch(*image[i], 0, cell[i].x, lower_row(*image[i], cell[i].y));
+    }
+    u32 width[kCount], rows[kCount], x[kCount], y[kCount];
+    float u[2][kCount], probability[kCount];
+    for (u32 i = 0; i < kCount; ++i) {
+      LatLongCell c = {0, 0, {0, 0}, {}};
+      width[i] = rows[i] = 1, u[0][i] = u[1][i] = probability[i] = 0.0f;
+      if (i < n && latlong[i]) {
+        width[i] = image[i]->width, rows[i] = latlong_rows(*image[i]);
+        u[0][i] = cell[i].u.x, u[1][i] = cell[i].u.y, probability[i] = cell[i].probability;
+        c = latlong_cell(*image[i], cell[i].x, cell[i].y, {0, 0});
+      }
+      x[i] = c.x, y[i] = c.y;
+      for (int j = 0; j < 2; ++j) {
+        for (int k = 0; k < 2; ++k) {
+          const Vec3 v = c.corner[j][k];
+          corner[j][k][0][i] = v.x, corner[j][k][1][i] = v.y, corner[j][k][2][i] = v.z;
+        }
       }
     }
-    u[0][i] = s.u.x, u[1][i] = s.u.y, probability[i] = s.probability;
-  }
-  PH_INLINE void sample() {
     for (u32 i = 0; i < kCount; ++i) {
       const auto at = [&](int j, int k) -> Vec3 {
         return {corner[j][k][0][i], corner[j][k][1][i], corner[j][k][2][i]};
       };
       const LatLongCell c = {x[i], y[i], {0, 0}, {{at(0, 0), at(0, 1)}, {at(1, 0), at(1, 1)}}};
-      const PanoramaSample s =
-          sample_cell_of(width[i], rows[i], c, {u[0][i], u[1][i]}, probability[i]);
-      direction[0][i] = s.direction.x, direction[1][i] = s.direction.y;
-      direction[2][i] = s.direction.z;
-      color[0][i] = s.color.x, color[1][i] = s.color.y, color[2][i] = s.color.z;
-      pdf[i] = s.pdf;
+      put(i, sample_cell_of(width[i], rows[i], c, {u[0][i], u[1][i]}, probability[i]));
     }
+    for (u32 i = 0; i < n; ++i) {
+      if (!latlong[i]) put(i, equal_area_sample(*image[i], cell[i]));
+    }
+  }
+
+  PH_INLINE void put(u32 i, const PanoramaSample& s) {
+    direction[0][i] = s.direction.x, direction[1][i] = s.direction.y;
+    direction[2][i] = s.direction.z;
+    color[0][i] = s.color.x, color[1][i] = s.color.y, color[2][i] = s.color.z;
+    pdf[i] = s.pdf;
   }
   PH_INLINE PanoramaSample sampled(u32 i) const {
     return {{direction[0][i], direction[1][i], direction[2][i]},
@@ -179,14 +214,6 @@ struct LatLongBatch {
             pdf[i]};
   }
 };
-
-PH_INLINE PanoramaSample sample_equal_area(const ImageView& image, const Distribution& d, Vec2 u) {
-  const CellSample s = sample_cell(d, u);
-  const float w = static_cast<float>(image.width), h = static_cast<float>(image.height);
-  const Vec2 p = {(static_cast<float>(s.x) + s.u.x) / w, (static_cast<float>(s.y) + s.u.y) / h};
-  return {from_equal_area(p), fetch(image, 0, s.x, s.y).rgb,
-          s.probability * (w * h) / (4.0f * kPi)};
-}
 
 struct TexelPlace {
   u32 x, y;

@@ -71,8 +71,7 @@ inline void ask(const SceneView& scene, Vertex* const* here, u32 n, const Bounce
   }
   // Those to which directions are found for all at once.
   TriangleLights<kBatch> triangles = {};
-  LatLongBatch<kBatch> panoramas;
-  panoramas.clear();
+  PanoramaBatch<kBatch> panoramas;
   struct {
     LightPick pick[kBatch];
     Vertex* of[kBatch];
@@ -94,16 +93,17 @@ inline void ask(const SceneView& scene, Vertex* const* here, u32 n, const Bounce
       const TriangleBlock& block = scene.triangles[slot.leaf & kLeafIndexMask];
       triangles.set(facing.count, primitive(block, slot.lane), v.receiver.point, point);
       facing.add(pick, v);
-    } else if (pick.record != kNone && is_latlong(scene.lights[pick.record])) {
+    } else if (pick.record != kNone && is_panorama(scene.lights[pick.record])) {
       const LightRecord& record = scene.lights[pick.record];
       panoramas.set(around.count, scene.tables.images[record.image],
-                    scene.tables.distributions[record.distribution], point);
+                    scene.tables.distributions[record.distribution],
+                    is_latlong(from_block<Envmap>(record.block)), point);
       around.add(pick, v);
     } else {
       v.light = sample_pick(scene, pick, v.receiver.point, point);
     }
   }
-  if (around.count != 0) panoramas.sample();
+  if (around.count != 0) panoramas.sample(around.count);
   for (u32 i = 0; i < around.count; ++i) {
     const LightRecord& record = scene.lights[around.pick[i].record];
     DirectSample& light = around.of[i]->light;
