@@ -1,6 +1,6 @@
 // Direct light: which light to ask, and a direction towards it. Lights are emissive primitives and
 // the entries of `lights`; those that lie in the scene are chosen by the light tree, those that
-// shine from outside it with equal probability.
+// shine from outside it by how much light they give.
 #pragma once
 #include "surface.h"
 
@@ -28,12 +28,6 @@ struct Receiver {
   Vec3 normal;
 };
 
-// Share of the choices that goes to lights from outside.
-PH_INLINE float outside_share(const SceneView& scene) {
-  if (scene.outside_first == scene.smooth_first) return 0.0f;
-  return scene.light_tree.light_count == 0 ? 1.0f : 0.5f;
-}
-
 // From an instance's frame: how many steradians there a steradian of the scene becomes.
 PH_INLINE float solid_angle_ratio(const Instance& instance, float stretch) {
   return instance.determinant / (stretch * stretch * stretch);
@@ -50,7 +44,7 @@ PH_INLINE float emitter_pdf(const SceneView& scene, const Surface& s, const Rece
                             Vec3 direction) {
   const u32 index = emitter_index(scene, s);
   if (index == kNone) return 0.0f;
-  const float choice = (1.0f - outside_share(scene)) *
+  const float choice = (1.0f - scene.outside_share) *
                        light_probability(scene.light_tree, index, from.point, from.normal);
   if (!(choice > 0.0f)) return 0.0f;
   return choice * with_primitive(scene, s.slot, [&](const auto& shape, u32) {
@@ -102,12 +96,14 @@ struct LightPick {
 // root: what the light tree's first lights or clusters weigh at this point, if that is known.
 PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, Vec2 choice,
                                const float (*root)[16] = nullptr) {
-  const float outside = outside_share(scene);
+  const float outside = scene.outside_share;
   if (choice.y < outside) {
-    const u32 count = scene.smooth_first - scene.outside_first;
-    const float place = choice.y / outside * static_cast<float>(count);
-    const u32 index = static_cast<u32>(place) < count ? static_cast<u32>(place) : count - 1;
-    return {scene.outside_first + index, kNoSlot, outside / static_cast<float>(count)};
+    float place = choice.y / outside;
+    u32 index = scene.outside_first;
+    for (; index + 1 < scene.smooth_first && place >= scene.lights[index].share; ++index) {
+      place -= scene.lights[index].share;
+    }
+    return {index, kNoSlot, outside * scene.lights[index].share};
   }
   // Of the 48 bits that the tree takes, the lower ones have already been used.
   const Vec2 rest = {choice.x, (choice.y - outside) / (1.0f - outside)};
@@ -189,12 +185,10 @@ struct TriangleLights {
 // `weighed`, the density with which sample_lights would have picked the direction for it, else 0.
 template <class F>
 PH_INLINE void for_each_outside(const SceneView& scene, Vec3 direction, bool weighed, F&& f) {
-  const float choice =
-      outside_share(scene) / static_cast<float>(scene.smooth_first - scene.outside_first);
   for (u32 i = scene.outside_first; i < scene.light_count; ++i) {
     if (weighed && i < scene.smooth_first) {
       const LightSight s = light_seen(scene.lights[i], scene.tables, direction);
-      if (!black(s.radiance)) f(s.radiance, choice * s.pdf);
+      if (!black(s.radiance)) f(s.radiance, scene.outside_share * scene.lights[i].share * s.pdf);
     } else {
       const Vec3 shine = light_radiance(scene.lights[i], scene.tables, direction);
       if (!black(shine)) f(shine, 0.0f);

@@ -27,6 +27,7 @@ struct LightRecord {
   Vec3 position;      // of that frame's origin, normalised units
   u32 image;
   u32 distribution;
+  float share;  // of the samples that go to lights from outside, if it is one that is asked for
 };
 
 // Tables of all lights, indexed by a record's `image` and `distribution`.

@@ -147,6 +147,7 @@ struct SceneView {
   u32 emitter_count;
   const LightRecord* lights;
   u32 light_count, outside_first, smooth_first;
+  float outside_share;  // of the samples that ask for light
   LightTables tables;
 };
 

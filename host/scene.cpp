@@ -541,9 +541,52 @@ void Scene::make_lights(std::vector<LightInput> inputs, const std::vector<BuiltG
     leaves[emitters_.size() + i] = {{r.position, r.position}, r.axis, r.cos_o, r.cos_e, r.power, 0};
   }
   light_count_ = view_.smooth_first - view_.outside_first;
-  for (const LightLeaf& leaf : leaves) light_count_ += leaf.power > 0.0f;
+  double own = 0.0;
+  for (const LightLeaf& leaf : leaves) {
+    light_count_ += leaf.power > 0.0f;
+    own += static_cast<double>(leaf.power);
+  }
+  share_outside(own);
   light_tree_ = build_light_tree(std::move(leaves));
   view_.light_tree = light_tree_.view();
+}
+
+// How many of the samples for light go outside, and to which of the lights there: by the irradiance
+// of what they give, found by samples spread evenly, and of what lights in the scene give, `own`
+// being the sum of their radiant intensities, on a sphere around it. As neither says what is hidden
+// where, all lights from outside share a part evenly, and both kinds get a part whatever they give.
+void Scene::share_outside(double own) {
+  constexpr u32 kSamples = 1024;
+  constexpr double kEvenly = 0.1;
+  const u32 first = view_.outside_first, end = view_.smooth_first;
+  std::vector<double> given(end - first);
+  double whole = 0.0;
+  for (u32 i = first; i < end; ++i) {
+    for (u32 k = 0; k < kSamples; ++k) {
+      const float x = (static_cast<float>(k) + 0.5f) / kSamples;
+      const float y = static_cast<float>(baseline::reverse_bits(k) >> 8) * 0x1p-24f;
+      const LightSample s = baseline::sample_light(lights_[i], view_.tables, {0, 0, 0}, {x, y});
+      if (s.pdf > 0.0f) {
+        given[i - first] += static_cast<double>(baseline::luminance(s.radiance) / s.pdf) / kSamples;
+      }
+    }
+    given[i - first] = std::min(given[i - first], 1e30);  // finite, also the sum
+    whole += given[i - first];
+  }
+  for (u32 i = first; i < end; ++i) {
+    const double part = whole > 0.0 ? given[i - first] / whole : 1.0 / (end - first);
+    lights_[i].share = static_cast<float>(kEvenly / (end - first) + (1.0 - kEvenly) * part);
+  }
+  view_.outside_share = first == end ? 0.0f : 1.0f;
+  if (first == end || !(own > 0.0)) return;
+  // Of a flat light pi times its intensity is its flux; a quarter of the light from all around
+  // arrives at a surface, whichever way it faces.
+  using baseline::operator-;
+  const Vec3 size = view_.bounds.high - view_.bounds.low;
+  const double around = kPi * static_cast<double>(baseline::dot(size, size));
+  const double from_outside = 0.25 * whole, from_own = kPi * own / around;
+  view_.outside_share = static_cast<float>(
+      std::clamp(from_outside / (from_outside + from_own), kEvenly, 1.0 - kEvenly));
 }
 
 // The images and distributions of lights that need some.

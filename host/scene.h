@@ -137,6 +137,7 @@ class Scene {
   void make_lights(std::vector<LightInput> lights, const std::vector<BuiltGroup>& built);
   void tabulate(LightRecord& record);
   LightLeaf leaf_of(const Slot& slot) const;
+  void share_outside(double own);
   bool shines(const MaterialRecord& m) const;
 
   size_t primitive_count_ = 0;
