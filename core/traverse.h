@@ -160,6 +160,15 @@ inline bool walk_tree(const SceneView& scene, Child root, const Ray& ray, Neares
           child = node.child[lane];
           continue;
         }
+        if constexpr (kAny) {  // in whatever order
+          do {
+            *top++ = node.child[lane];
+            lane = lowest_bit(hits);
+            hits &= hits - 1;
+          } while (hits != 0);
+          child = node.child[lane];
+          continue;
+        }
         const auto entry = [&](u32 i) {
           return static_cast<u64>(__builtin_bit_cast(u32, near[i])) << 32 | node.child[i];
         };
