@@ -1,7 +1,11 @@
 """What changed between two files that `python -m bench` wrote: `bench/compare.py A.json B.json`.
 
+Ours is compared with ours; of others, how they stand to ours, which does not depend on how fast the
+machine was. Seconds to an error count times that error, as another sampler has another to reach.
+
 A median has changed if the runs of A and of B do not overlap at all and the medians differ by more
-than 1 %. Ends with 1 if anything got worse, else 0. Needs no other module of ours.
+than 1 %. By chance alone, 3 runs each lie apart in 1 of 10 rows, 5 in 1 of 126: fewer than 3 say
+nothing. Ends with 1 if anything got worse, else 0. Needs no other module of ours.
 """
 
 from __future__ import annotations
@@ -12,49 +16,71 @@ import sys
 from pathlib import Path
 from typing import Any
 
+OURS = "parhelion"
 LEAST_CHANGE = 0.01
+LEAST_RUNS = 3
+
+# In the order in which they are shown.
+WORDS = ("worse", "better", "unknown", "new", "gone", "same")
+
+
+def quantity(row: dict[str, Any]) -> dict[str, Any]:
+    """What is compared of a row: median, min, max, unit, the number of runs, and more, whether more
+    of it is better for ours.
+    """
+    if row["against"] == OURS and not row["name"].startswith(OURS) and "ratio" in row:
+        # The other's seconds over ours, or its speed over ours.
+        count, unit = len(row["ratios"]), f"x {OURS}"
+        return row["ratio"] | {"unit": unit, "count": count, "more": not row["more"]}
+    error = row.get("error") or 1.0
+    spread = {key: error * row[key] for key in ("median", "min", "max")}
+    unit = f"{row['unit']} x error" if row.get("error") else row["unit"]
+    return spread | {"unit": unit, "count": len(row["runs"]), "more": row["more"]}
 
 
 def verdict(before: dict[str, Any], after: dict[str, Any]) -> str:
-    """better, worse, same; or unknown, where one run each says nothing of the spread."""
-    if len(before["runs"]) < 2 or len(after["runs"]) < 2:
+    """better, worse, same; or unknown, where the runs are too few to say anything of the spread."""
+    a, b = quantity(before), quantity(after)
+    if min(a["count"], b["count"]) < LEAST_RUNS:
         return "unknown"
-    apart = before["max"] < after["min"] or after["max"] < before["min"]
-    if not apart or abs(change(before, after)) <= LEAST_CHANGE:
+    apart = a["max"] < b["min"] or b["max"] < a["min"]
+    if not apart or abs(b["median"] - a["median"]) <= LEAST_CHANGE * abs(a["median"]):
         return "same"
-    return "better" if (after["median"] > before["median"]) == after["more"] else "worse"
-
-
-def change(before: dict[str, Any], after: dict[str, Any]) -> float:
-    """Relative change of the median."""
-    return float(after["median"] / before["median"] - 1)
+    return "better" if (b["median"] > a["median"]) == b["more"] else "worse"
 
 
 def compare(before: dict[str, Any], after: dict[str, Any]) -> tuple[list[str], bool]:
     """Lines to show, and whether anything got worse."""
-    lines, worse = [], False
+    lines = []
     for part in ("machine", "plan"):
         for name in sorted(before[part].keys() | after[part].keys()):
             a, b = before[part].get(name), after[part].get(name)
             if a != b:
                 lines.append(f"note: {part}, {name}: {a} before, {b} after")
+    for name in sorted(before["versions"].keys() & after["versions"].keys()):
+        for key in ("version", "isa", "llvm"):
+            a, b = (side["versions"][name].get(key) for side in (before, after))
+            if a != b:
+                lines.append(f"note: {name}, {key}: {a} before, {b} after")
     for word, these, others in (("before", before, after), ("after", after, before)):
         lines += [f"note: {word}: {n}" for n in these["notes"] if n not in others["notes"]]
     old = {(row["group"], row["name"]): row for row in before["rows"]}
     new = {(row["group"], row["name"]): row for row in after["rows"]}
+    found: dict[str, list[str]] = {word: [] for word in WORDS}
     for key, row in new.items():
         what = ": ".join(key)
         if key not in old:
-            lines.append(f"{'new':8} {what}")
+            found["new"].append(what)
             continue
-        word = verdict(old[key], row)
-        worse = worse or word == "worse"
-        a, b = old[key]["median"], row["median"]
-        lines.append(
-            f"{word:8} {what}: {a:.4g} -> {b:.4g} {row['unit']} ({change(old[key], row):+.1%})"
-        )
-    lines += [f"{'gone':8} {': '.join(key)}" for key in old if key not in new]
-    return lines, worse
+        a, b = quantity(old[key]), quantity(row)
+        shown = f"{what}: {a['median']:.4g} -> {b['median']:.4g} {b['unit']}"
+        if a["median"]:
+            shown += f" ({b['median'] / a['median'] - 1:+.1%})"
+        found[verdict(old[key], row)].append(shown)
+    found["gone"] = [": ".join(key) for key in old if key not in new]
+    lines += [f"{word:8} {line}" for word in WORDS for line in found[word]]
+    lines.append(", ".join(f"{len(found[word])} {word}" for word in WORDS))
+    return lines, bool(found["worse"])
 
 
 def main() -> int:

@@ -161,7 +161,11 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
             words = f"equal {error}, {name}, {'clock' if clock == 'seconds' else 'processor'}"
             asked = 2.0 if peer != OURS else None
             rows.append(
-                Row(words, peer, "s", values, False, OURS, pairs[error, clock], least_ratio=asked)
+                Row(
+                    *(words, peer, "s", values, False, OURS, pairs[error, clock]),
+                    least_ratio=asked,
+                    error=targets[error],
+                )
             )
         for part in (few, many):
             words = f"relative error, {name}, at {part[0].spp} spp"

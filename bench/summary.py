@@ -15,6 +15,7 @@ class Row:
     runs: its values in unit, in the order measured; less is better unless more is set.
     against, ratios: what it was paired with, and value over value of the pairs (see ratios()).
     most: what the value shall be at most. least_ratio: what the ratio shall be at least.
+    error: of a picture, which is reached in these seconds.
     """
 
     group: str
@@ -26,6 +27,7 @@ class Row:
     ratios: Sequence[float] = ()
     most: float | None = None
     least_ratio: float | None = None
+    error: float | None = None
 
     def json(self) -> dict[str, Any]:
         """Plain values, the summaries among them."""

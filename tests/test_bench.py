@@ -97,41 +97,64 @@ def test_table_says_what_was_asked(row: Row, words: str):
     assert words in lines[2]
 
 
-def row(*runs: float, more: bool = False) -> dict:
-    return Row("g", "n", "s", runs, more=more).json()
+def row(*runs: float, more: bool = False, **others: object) -> dict:
+    return Row("g", "n", "s", runs, more=more, **others).json()
+
+
+def peer(*ratios: float, more: bool = False) -> dict:
+    return row(*ratios, more=more, against="parhelion", ratios=ratios)
 
 
 @pytest.mark.parametrize(
     ("before", "after", "word"),
     [
-        (row(1.0, 1.1), row(1.2, 1.3), "worse"),
-        (row(1.2, 1.3), row(1.0, 1.1), "better"),
-        (row(1.0, 1.1, more=True), row(1.2, 1.3, more=True), "better"),
-        (row(1.2, 1.3, more=True), row(1.0, 1.1, more=True), "worse"),
-        (row(1.0, 1.2), row(1.1, 1.3), "same"),  # overlap
-        (row(1.0, 1.0), row(1.005, 1.005), "same"),  # apart, but by too little
-        (row(1.0), row(2.0, 2.0), "unknown"),
+        (row(1.0, 1.1, 1.1), row(1.2, 1.3, 1.2), "worse"),
+        (row(1.2, 1.3, 1.3), row(1.0, 1.1, 1.0), "better"),
+        (row(1.0, 1.1, 1.0, more=True), row(1.2, 1.3, 1.2, more=True), "better"),
+        (row(1.2, 1.3, 1.2, more=True), row(1.0, 1.1, 1.0, more=True), "worse"),
+        (row(1.0, 1.2, 1.1), row(1.1, 1.3, 1.2), "same"),  # overlap
+        (row(1.0, 1.0, 1.0), row(1.005, 1.005, 1.005), "same"),  # apart, but by too little
+        (row(1.0, 1.0), row(2.0, 2.0, 2.0), "unknown"),
+        (row(0.0, 0.0, 0.0), row(1.0, 1.0, 1.0), "worse"),
+        # another's seconds over ours, and its speed over ours
+        (peer(2.0, 2.1, 2.1), peer(1.5, 1.6, 1.6), "worse"),
+        (peer(1.2, 1.3, 1.3, more=True), peer(1.0, 1.1, 1.1, more=True), "better"),
+        # twice the time, but to a third of the error
+        (row(1.0, 1.1, 1.0, error=0.3), row(2.0, 2.2, 2.0, error=0.1), "better"),
     ],
 )
 def test_verdict(before: dict, after: dict, word: str):
     assert verdict(before, after) == word
 
 
+def test_a_slower_machine_does_not_change_how_others_stand_to_ours():
+    before = row(2.0, 2.0, 2.0, against="parhelion", ratios=[2.0, 2.1, 2.0])
+    after = row(9.0, 9.0, 9.0, against="parhelion", ratios=[2.0, 2.1, 2.0])
+    assert verdict(before, after) == "same"
+
+
 def test_compare_lists_every_row_and_what_differs_around_them():
     rest = {"machine": {"cpu": "x"}, "plan": {"spp": 20}, "notes": []}
-    before = {**rest, "rows": [row(1, 1), {**row(1, 1), "name": "old"}]}
+    same = row(1, 1, 1)
+    before = {
+        **rest,
+        "versions": {"parhelion": {"version": "1", "isa": "avx2", "build": "a"}},
+        "rows": [{**same, "name": "kept"}, row(1, 1, 1), {**same, "name": "old"}],
+    }
     after = {
         "machine": {"cpu": "y"},
         "plan": {"spp": 20},
+        "versions": {"parhelion": {"version": "2", "isa": "avx2", "build": "b"}},
         "notes": ["busy"],
-        "rows": [row(2, 2), {**row(1, 1), "name": "new"}],
+        "rows": [{**same, "name": "kept"}, row(2, 2, 2), {**same, "name": "new"}],
     }
     lines, worse = compare(before, after)
     assert worse
     assert "machine, cpu: x before, y after" in lines[0]
-    assert lines[1] == "note: after: busy"
-    assert [line.split()[0] for line in lines[2:]] == ["worse", "new", "gone"]
-    assert "(+100.0%)" in lines[2]
+    assert lines[1:3] == ["note: parhelion, version: 1 before, 2 after", "note: after: busy"]
+    assert [line.split()[0] for line in lines[3:-1]] == ["worse", "new", "gone", "same"]
+    assert "(+100.0%)" in lines[3]
+    assert lines[-1] == "1 worse, 0 better, 0 unknown, 1 new, 1 gone, 1 same"
     assert compare(before, before)[1] is False
 
 
@@ -169,7 +192,7 @@ def test_the_whole_harness_runs_and_its_files_compare(tmp_path: Path, spheres: P
 
     same = command("bench/compare.py", output, output)
     assert same.returncode == 0, same.stderr
-    assert len(same.stdout.splitlines()) == len(result["rows"])
+    assert len(same.stdout.splitlines()) == len(result["rows"]) + 1
 
 
 def test_relative_error_by_hand():
@@ -205,11 +228,25 @@ def test_equal_error_of_a_cloud_without_peers(tmp_path: Path):
         *("--cache", tmp_path, "-o", output),
     )
     assert done.returncode == 0, done.stderr
-    rows = {r["group"]: r["runs"] for r in json.loads(output.read_text())["rows"]}
+    result = json.loads(output.read_text())
+    rows = {r["group"]: r["runs"] for r in result["rows"]}
     few, many = (rows[f"relative error, cloud-1e4, at {spp} spp"][0] for spp in (8, 32))
     assert many < few
     assert rows["equal error, cloud-1e4, clock"][0] > 0
     assert (tmp_path / "equal" / "equal.md").read_text().count("cloud-1e4") == 1
+
+    # to twice the error in the same time
+    for each in result["rows"]:
+        each["runs"] *= 3
+        each["error"] = 2 * each["error"] if each["error"] else None
+    worse = tmp_path / "worse.json"
+    worse.write_text(json.dumps(result))
+    for each in result["rows"]:
+        each["error"] = each["error"] / 2 if each["error"] else None
+    output.write_text(json.dumps(result))
+    done = command("bench/compare.py", output, worse)
+    assert done.returncode == 1, done.stderr
+    assert done.stdout.count("worse    equal") == 4
 
 
 def test_mistakes_end_with_2_and_one_line(tmp_path: Path):
