@@ -32,7 +32,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--only", type=_names(GROUPS), default=timed, metavar="GROUP,...")
     p.add_argument("--peers", type=_names(PEERS), default=tuple(PEERS), metavar="NAME,...|none")
     p.add_argument(
-        "--scenes", type=_names(GALLERY), default=GALLERY, metavar="NAME,...", help="of group equal"
+        "--scenes",
+        type=_names(GALLERY),
+        default=GALLERY,
+        metavar="NAME,...",
+        help="of the groups equal and threads",
     )
     p.add_argument("--rounds", type=_count, default=d.rounds, help=f"default {d.rounds}")
     p.add_argument("--width", type=_count, default=d.width)

@@ -15,12 +15,14 @@ if not (REPOSITORY / "bench").is_dir():
     pytest.skip("bench/ is not part of a source distribution", allow_module_level=True)
 sys.path.insert(0, str(REPOSITORY))
 
+from bench import instructions  # noqa: E402
 from bench.compare import compare, verdict  # noqa: E402
 from bench.equal import relative_error, seconds_at  # noqa: E402
 from bench.gallery import SCENES  # noqa: E402
 from bench.measure import alternate  # noqa: E402
 from bench.scenes import GALLERY, BenchError, read_weekend  # noqa: E402
 from bench.summary import Row, ratios, spread, table  # noqa: E402
+from bench.threads import counts  # noqa: E402
 
 
 def weekend() -> dict:
@@ -247,6 +249,54 @@ def test_equal_error_of_a_cloud_without_peers(tmp_path: Path):
     done = command("bench/compare.py", output, worse)
     assert done.returncode == 1, done.stderr
     assert done.stdout.count("worse    equal") == 4
+
+
+def test_threads_by_clock_and_processor(tmp_path: Path):
+    assert counts(1) == [1]
+    assert counts(6) == [6, 4, 2, 1]
+    assert counts(8) == [8, 4, 2, 1]
+    output = tmp_path / "b.json"
+    done = command(
+        *("-m", "bench", "--only", "threads", "--scenes", "cloud-1e4", "--threads", 2),
+        *("--width", 16, "--height", 9, "--spp", 4, "--rounds", 1, "-o", output),
+    )
+    assert done.returncode == 0, done.stderr
+    rows = {(r["group"], r["name"]): r for r in json.loads(output.read_text())["rows"]}
+    both, one = (rows["threads, cloud-1e4, clock", n]["runs"][0] for n in ("2 threads", "1 thread"))
+    assert rows["threads, cloud-1e4, clock", "1 thread"]["ratios"] == [one / both]
+    assert rows["threads, cloud-1e4, processor", "1 thread"]["least_ratio"] == 0.97
+
+
+def test_instructions_that_became_more_are_a_failure():
+    before = {"a": 100.0, "b": 100.0, "c": 100.0}
+    lines, failed = instructions.compare(before, {"a": 101.9, "b": 98.1, "c": 97.0, "d": 5.0})
+    assert [line.split()[0] for line in lines] == ["same", "same", "fewer", "new"]
+    assert not failed
+    lines, failed = instructions.compare(before, {"a": 102.1, "b": 100.0, "c": 100.0})
+    assert failed
+    assert lines[0] == "more   a: 102.1 (+2.1%)"
+    lines, failed = instructions.compare(before, {"a": 100.0, "b": 100.0})
+    assert failed
+    assert lines[-1] == "gone   c"
+
+
+@pytest.mark.parametrize(
+    ("library", "name"),
+    [
+        (b"\0GCC: (Debian 12.2.0-14+deb12u1) 12.2.0\0", "gcc 12"),
+        (b"\0Debian clang version 14.0.6\0GCC: (GNU) 11.3.0\0", "clang 14"),
+    ],
+)
+def test_counts_are_kept_by_compiler(library: bytes, name: str):
+    assert instructions.compiler(library) == name
+    with pytest.raises(BenchError, match="by which compiler"):
+        instructions.compiler(b"\0")
+
+
+def test_every_kernel_that_is_counted_has_a_count():
+    kept = json.loads(instructions.KEPT.read_text())
+    names = [name for name, _, _ in instructions.kernels()]
+    assert all(list(counts) == names for counts in kept.values())
 
 
 def test_mistakes_end_with_2_and_one_line(tmp_path: Path):
