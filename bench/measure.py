@@ -34,6 +34,7 @@ PEERS: dict[str, tuple[str, dict[str, Any]]] = {
     "mitsuba-llvm": ("mitsuba", {"variant": "llvm_ad_rgb"}),
     "mitsuba-scalar": ("mitsuba", {"variant": "scalar_rgb"}),
     "cycles": ("cycles", {}),
+    "luxcore": ("luxcore", {}),
 }
 
 # Seeds of references, far from those of the pictures that are compared with them.
