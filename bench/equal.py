@@ -168,8 +168,13 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
                 )
             )
         for part in (few, many):
-            words = f"relative error, {name}, at {part[0].spp} spp"
-            rows.append(Row(words, peer, "", [r.error for r in part]))
+            at = f"{name}, at {part[0].spp} spp"
+            rows += [
+                Row(f"relative error, {at}", peer, "", [r.error for r in part]),
+                Row(f"trimmed error, {at}", peer, "", [r.trimmed for r in part]),
+                Row(f"clock, {at}", peer, "s", [r.seconds for r in part]),
+                Row(f"processor, {at}", peer, "s", [r.cpu for r in part]),
+            ]
         lines.append([name if peer == OURS else "", peer])
         for error, target in targets.items():
             first, last = (fmean(getattr(r, error) for r in part) for part in (few, many))

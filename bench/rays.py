@@ -28,7 +28,7 @@ def rays(plan: Any, notes: Any) -> list[Row]:
     path = plan.cache / "rays.npz"
     rows = []
     for shape in SHAPES:
-        for count in (10**3, 10**5, 10**6) + ((10**7,) if plan.long else ()):
+        for count in (10**3, 10**4, 10**5, 10**6) + ((10**7,) if plan.long else ()):
             write(path, shape, count)
             names = ("parhelion", "embreex") if shape == "triangles" else ("parhelion",)
             rows += measured(plan, notes, path, f"{count:.0e} {shape}".replace("e+0", "e"), names)

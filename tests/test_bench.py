@@ -15,7 +15,7 @@ if not (REPOSITORY / "bench").is_dir():
     pytest.skip("bench/ is not part of a source distribution", allow_module_level=True)
 sys.path.insert(0, str(REPOSITORY))
 
-from bench import instructions  # noqa: E402
+from bench import charts, instructions  # noqa: E402
 from bench.compare import compare, verdict  # noqa: E402
 from bench.equal import relative_error, seconds_at  # noqa: E402
 from bench.gallery import SCENES  # noqa: E402
@@ -265,6 +265,49 @@ def test_threads_by_clock_and_processor(tmp_path: Path):
     both, one = (rows["threads, cloud-1e4, clock", n]["runs"][0] for n in ("2 threads", "1 thread"))
     assert rows["threads, cloud-1e4, clock", "1 thread"]["ratios"] == [one / both]
     assert rows["threads, cloud-1e4, processor", "1 thread"]["least_ratio"] == 0.97
+
+
+def test_charts_are_drawn_of_what_the_files_have(tmp_path: Path, capsys: pytest.CaptureFixture):
+    def of(group: str, name: str, *runs: float) -> dict:
+        return {**row(*runs), "group": group, "name": name}
+
+    sizes = (10**5, 10**6, 10**7)
+    clouds = [
+        of(f"{n:.0e} spheres".replace("e+0", "e"), name, value)
+        for n in sizes
+        for name, value in (
+            ("checks and tree, processor", 5e-7 * n),
+            ("peak memory beyond the input", 40.0 + 1e7 / n),
+            ("whole paths", 5.0 - 0.3 * np.log10(n)),
+        )
+    ]
+    equal = [
+        of(f"{what}, weekend, at {spp} spp", name, value)
+        for name in ("parhelion", "luxcore")
+        for spp in (16, 64)
+        for what, value in (("trimmed error", 1 / spp), ("processor", spp / 10))
+    ]
+    (tmp_path / "a.json").write_text(json.dumps({"rows": clouds}))
+    (tmp_path / "b.json").write_text(json.dumps({"rows": equal}))
+    files = [str(tmp_path / name) for name in ("a.json", "b.json")]
+    assert charts.main([*files, "-o", str(tmp_path)]) == 0
+    assert sorted(path.stem for path in tmp_path.glob("*.svg")) == ["error", "scale"]
+    drawn = (tmp_path / "error.svg").read_text()
+    assert all(word in drawn for word in ("weekend", "Parhelion", "LuxCore"))
+    assert "Cycles" not in drawn
+    # memory by its slope over the number: 40 bytes each and 1e7 altogether; speed by each tenfold
+    said = capsys.readouterr().out
+    assert "memory beyond the input, GB: 4.01 at 1e+08" in said
+    assert "whole paths, M rays/s and core: 2.6 at 1e+08" in said
+
+    (tmp_path / "c.json").write_text('{"rows": []}')
+    assert charts.main([str(tmp_path / "c.json")]) == 2
+    none = "charts: no rows of error, rays, scale, threads in these files\n"
+    assert capsys.readouterr().err == none
+    assert charts.main([str(tmp_path / "none.json")]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert charts.main([*files, "-o", str(tmp_path / "none")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
 
 
 def test_instructions_that_became_more_are_a_failure():
