@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import parhelion as ph
+
 REPOSITORY = Path(__file__).resolve().parent.parent
 if not (REPOSITORY / "bench").is_dir():
     pytest.skip("bench/ is not part of a source distribution", allow_module_level=True)
@@ -20,6 +22,7 @@ from bench.compare import compare, verdict  # noqa: E402
 from bench.equal import relative_error, seconds_at  # noqa: E402
 from bench.gallery import SCENES  # noqa: E402
 from bench.measure import alternate  # noqa: E402
+from bench.renderers import luxcore  # noqa: E402
 from bench.scenes import GALLERY, BenchError, read_weekend  # noqa: E402
 from bench.summary import Row, ratios, spread, table  # noqa: E402
 from bench.threads import counts  # noqa: E402
@@ -265,6 +268,49 @@ def test_threads_by_clock_and_processor(tmp_path: Path):
     both, one = (rows["threads, cloud-1e4, clock", n]["runs"][0] for n in ("2 threads", "1 thread"))
     assert rows["threads, cloud-1e4, clock", "1 thread"]["ratios"] == [one / both]
     assert rows["threads, cloud-1e4, processor", "1 thread"]["least_ratio"] == 0.97
+
+
+@pytest.mark.parametrize("ball", [luxcore._ball(3), luxcore._ball_towards(np.array([1, 9, 2.0]))])
+def test_balls_of_luxcore_are_closed_and_turned_outwards(ball: luxcore.Ball):
+    points, faces = ball
+    assert np.allclose(np.linalg.norm(points, axis=1), 1.0)
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    edges, back = start * len(points) + end, end * len(points) + start
+    edges.sort()
+    assert (np.diff(edges) > 0).all()
+    assert np.array_equal(edges, np.sort(back))  # each way once: all are turned alike
+    corners = points[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    middle = corners.mean(axis=1)
+    assert (np.einsum("ij,ij->i", normals, middle) > 0).all()
+
+
+def test_a_ground_of_luxcore_is_fine_where_it_is_seen():
+    direction = np.array([0.0, 1.0, 0.0])
+    points, faces = luxcore._ball_towards(direction)
+    middle = points[faces].mean(axis=1)
+    far = np.hypot(middle[:, 0], middle[:, 2])
+    seen = (far > 1e-3) & (far < 0.1) & (middle[:, 1] > 0)
+    assert seen.sum() > 100_000
+    assert (1 - np.linalg.norm(middle[seen], axis=1) < 1e-4 * far[seen] ** 2).all()
+
+
+def test_luxcore_is_given_nothing_unlike():
+    ball = ph.Spheres([(0, 0, 0)], 1.0, ph.Material("diffuse", color=(0.1, 0.2, 0.3)))
+    camera = ph.Camera(eye=(0, 0, 5), target=(0, 0, 0), vfov=40)
+    made = luxcore._Conversion(ph.Scene([ball], camera=camera, background=None), 32, 16)
+    assert made.properties["scene.materials.material0.kd"] == [0.1, 0.2, 0.3]
+    assert made.properties["scene.camera.screenwindow"] == [-2.0, 2.0, -1.125, 0.875]
+    assert list(made.meshes) == ["ball4"]
+    for material, words in (
+        (ph.Material("plastic"), "'plastic'"),
+        (ph.conductor("Au", roughness=0.4), "conductors"),
+        (ph.Material("diffuse", opacity=0.5), "opacity"),
+    ):
+        spheres = ph.Spheres([(0, 0, 0)], 1.0, material)
+        scene = ph.Scene([spheres], camera=camera, background=None)
+        with pytest.raises(BenchError, match=words):
+            luxcore._Conversion(scene, 32, 16)
 
 
 def test_charts_are_drawn_of_what_the_files_have(tmp_path: Path, capsys: pytest.CaptureFixture):

@@ -357,10 +357,10 @@ def _ball_towards(direction: np.ndarray) -> Ball:
     """Of a sphere much larger than what is seen of it, the finer the nearer to a direction.
 
     Rings around that, each 2.5 % further from it than the one before, so that at a distance d along
-    the surface triangles lie below it by 8e-5 d^2 / radius at most.
+    the surface triangles lie below it by 1e-4 d^2 / radius at most.
     """
     rings, around = 512, 512
-    angle = np.pi * np.exp(np.linspace(-0.025 * rings, 0.0, rings))[:, None]
+    angle = 3.0 * np.exp(np.linspace(-0.025 * rings, 0.0, rings))[:, None]
     turn = 2 * np.pi * np.arange(around)[None, :] / around
     z = direction / np.linalg.norm(direction)
     x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
@@ -370,6 +370,7 @@ def _ball_towards(direction: np.ndarray) -> Ball:
     at = np.arange(rings * around).reshape(rings, around)
     following = np.roll(at, -1, axis=1)
     a, b, c, d = (part.ravel() for part in (at[:-1], following[:-1], at[1:], following[1:]))
-    top = np.full(around, rings * around), at[0], following[0]
-    faces = np.concatenate([np.stack(side, 1) for side in ((a, c, d), (a, d, b), top)])
-    return np.concatenate([ring, [z]]), faces
+    top, bottom = (np.full(around, at.size + k) for k in (0, 1))
+    caps = (top, at[0], following[0]), (bottom, following[-1], at[-1])
+    faces = np.concatenate([np.stack(side, 1) for side in ((a, c, d), (a, d, b), *caps)])
+    return np.concatenate([ring, [z, -z]]), faces
