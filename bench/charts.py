@@ -201,16 +201,18 @@ CHARTS: dict[str, Callable[[Rows], Any]] = {
 
 
 def _ticks(axis: Any) -> None:
-    """Few ticks of logarithms: at powers of ten, and three times those where there are few."""
+    """Few ticks of logarithms: at powers of ten, and at some between where there are few."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     for one in (axis.xaxis, axis.yaxis):
         if one.get_scale() == "log":
             low, high = one.get_view_interval()
-            near = high < 100 * low
-            one.set_major_locator(LogLocator(subs=(1.0, 3.0) if near else (1.0,), numticks=8))
+            subs = (
+                (1.0, 2.0, 5.0) if high < 10 * low else (1.0, 3.0) if high < 100 * low else (1.0,)
+            )
+            one.set_major_locator(LogLocator(subs=subs, numticks=8))
             one.set_minor_locator(NullLocator())
-            if near:
+            if len(subs) > 1:
                 one.set_major_formatter("{x:g}")
 
 
