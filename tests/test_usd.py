@@ -654,6 +654,8 @@ def bomb() -> str:
         ('def Points "P" { point3f[] points = [(0, 0, inf)] }', r"/P: points\[0\] is not finite"),
         ('def SphereLight "L" { float inputs:intensity = inf }', "inputs:intensity is inf"),
         ('def Camera "C" { float focalLength = 0 }', "/C: aperture .* focal length 0: not > 0"),
+        ('def Camera "C" { typo focalLength = 0 }', "/C: has a value of another type"),
+        ('def RenderSettings "R" { string resolution = "9" }', "/R: has a value of another type"),
         ('def "A" (\nreferences = </A>\n) { }', "Cycle detected"),
         ('def "A" (\nreferences = @/etc/hosts@\n) { }', "is not inside the scene's folder"),
         ('def "A" (\nreferences = @../x.usda@\n) { }', "is not inside the scene's folder"),
@@ -671,7 +673,7 @@ def bomb() -> str:
     ],
 )  # fmt: skip
 def test_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str], body: str, words: str) -> None:
-    path = write(tmp_path, body)
+    path = write(tmp_path, body, 'renderSettingsPrimPath = "/R"')
     (tmp_path / "b.png").write_text("no picture")
     with pytest.raises(ph.FormatError, match=words) as error:
         load(path)

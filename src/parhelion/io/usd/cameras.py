@@ -29,21 +29,33 @@ def chosen(r: Reader) -> tuple[Camera | None, Settings | None]:
     if not named and isinstance(bound, dict) and bound.get("boundCamera"):
         text = str(bound["boundCamera"])
         named = [Sdf.Path(text)] if Sdf.Path.IsValidPathString(text) else []
-    size = settings.GetResolutionAttr().Get(r.time) if settings else None
+    size = None
+    if settings:
+        with r.naming(settings.GetPrim()):
+            size = _size(settings.GetResolutionAttr().Get(r.time))
     if not r.cameras:
-        return None, _sized(size, None)
+        return None, _settings(size, None)
     found = [pair for pair in r.cameras if pair[0].GetPath() in named]
     prim, matrix = (found or r.cameras)[0]
     if not found and len(r.cameras) > 1:
         r.report(f"{len(r.cameras)} cameras: the first, {prim.GetPath()}, is used")
-    camera, aspect = _camera(r, prim, matrix)
-    return with_up(camera, r.up), _sized(size, aspect)
+    with r.naming(prim):
+        camera, aspect = _camera(r, prim, matrix)
+    return with_up(camera, r.up), _settings(size, aspect)
 
 
-def _sized(size: Any, aspect: float | None) -> Settings | None:
+def _size(resolution: Any) -> tuple[int, int] | None:
+    """Of RenderSettings; None where it says none, or one that no picture has."""
+    if resolution is None:
+        return None
+    width, height = (int(side) for side in resolution)
+    return (width, height) if 1 <= width <= 65536 and 1 <= height <= 65536 else None
+
+
+def _settings(size: tuple[int, int] | None, aspect: float | None) -> Settings | None:
     """size: of RenderSettings. aspect: the camera's width over its height."""
-    if size is not None and 1 <= size[0] <= 65536 and 1 <= size[1] <= 65536:
-        return Settings(width=int(size[0]), height=int(size[1]))
+    if size is not None:
+        return Settings(width=size[0], height=size[1])
     if aspect is None:
         return None
     width = Settings().width

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -132,6 +134,21 @@ class Reader:
             raise self.error(prim, f"{attribute.GetName()} is {value}")
         return value
 
+    @contextmanager
+    def naming(self, prim: Any) -> Iterator[None]:
+        """Errors of what is read within name the prim and are FormatErrors."""
+        try:
+            yield
+        except FormatError:
+            raise
+        except SceneError as error:
+            text = str(error)
+            named = text.startswith(str(self.path))
+            raise FormatError(text if named else f"{self.where(prim)}: {text}") from None
+        except (TypeError, ValueError) as error:  # a file may give a radius as text
+            text = f"has a value of another type than it may have: {error}"
+            raise self.error(prim, text) from None
+
     # The walk
 
     def _walk(self, group: Group, start: list[tuple[Any, Matrix, str]]) -> None:
@@ -143,17 +160,8 @@ class Reader:
         stack = start[::-1]
         while stack:
             prim, matrix, purpose = stack.pop()
-            try:
+            with self.naming(prim):
                 stack.extend(reversed(self._visit(prim, matrix, purpose, group, shown)))
-            except FormatError:
-                raise
-            except SceneError as error:
-                text = str(error)
-                named = text.startswith(str(self.path))
-                raise FormatError(text if named else f"{self.where(prim)}: {text}") from None
-            except (TypeError, ValueError) as error:  # a file may give a radius as text
-                text = f"has a value of another type than it may have: {error}"
-                raise self.error(prim, text) from None
 
     def _visit(
         self, prim: Any, matrix: Matrix, purpose: str, group: Group, shown: Any
