@@ -11,6 +11,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from parhelion.errors import ResourceError
 from parhelion.machine import describe, load_average
 
 from .measure import ASKED, GROUPS, PEERS, Notes, Plan
@@ -55,12 +56,15 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "-o", "--output", type=Path, metavar="FILE.json", help="default: bench-TIME.json"
     )
+    p.add_argument(
+        "--charts", type=Path, metavar="FOLDER", help="draw what was measured there, as SVG"
+    )
     return p
 
 
 def main() -> int:
     args = vars(parser().parse_args())
-    only, output = args.pop("only"), args.pop("output")
+    only, output, folder = (args.pop(name) for name in ("only", "output", "charts"))
     plan, notes, rows = Plan(**args), Notes(), []
     date = datetime.now(timezone.utc).isoformat(timespec="seconds")
     load = load_average()
@@ -85,6 +89,14 @@ def main() -> int:
     path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     print(text(result, rows))
     print(f"{path} written", file=sys.stderr)
+    if folder is not None:
+        from .charts import draw_all
+
+        try:
+            draw_all(result["rows"], folder)
+        except ResourceError as problem:
+            print(f"bench: {problem}", file=sys.stderr)
+            return 2
     return int(failed)
 
 

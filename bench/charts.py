@@ -227,9 +227,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"charts: not files of python -m bench: {problem!r}", file=sys.stderr)
         return 2
 
+    try:
+        written = draw_all(rows, args.output)
+    except ResourceError as problem:
+        print(f"charts: {problem}", file=sys.stderr)
+        return 2
+    if not written:
+        print(f"charts: no rows of {', '.join(CHARTS)} in these files", file=sys.stderr)
+    return 0 if written else 2
+
+
+def draw_all(rows: Rows, folder: Path) -> list[Path]:
+    """Writes each chart for which there are rows. Raises ResourceError."""
     import matplotlib
 
-    drawn = 0
+    written = []
     for name, draw in CHARTS.items():
         with matplotlib.rc_context(STYLE):
             figure = draw(rows)
@@ -237,18 +249,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 continue
             for axis in figure.axes:
                 _ticks(axis)
-            path = args.output / f"{name}.svg"
-            try:
-                with replacing(path) as part:
-                    figure.savefig(part, format="svg", metadata={"Date": None})
-            except ResourceError as problem:
-                print(f"charts: {problem}", file=sys.stderr)
-                return 2
-        print(f"{path} written")
-        drawn += 1
-    if not drawn:
-        print(f"charts: no rows of {', '.join(CHARTS)} in these files", file=sys.stderr)
-    return 0 if drawn else 2
+            path = folder / f"{name}.svg"
+            with replacing(path) as part:
+                figure.savefig(part, format="svg", metadata={"Date": None})
+        print(f"{path} written", file=sys.stderr)
+        written.append(path)
+    return written
 
 
 if __name__ == "__main__":

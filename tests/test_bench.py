@@ -262,8 +262,10 @@ def test_threads_by_clock_and_processor(tmp_path: Path):
     done = command(
         *("-m", "bench", "--only", "threads", "--scenes", "cloud-1e4", "--threads", 2),
         *("--width", 16, "--height", 9, "--spp", 4, "--rounds", 1, "-o", output),
+        *("--charts", tmp_path),
     )
     assert done.returncode == 0, done.stderr
+    assert "cloud-1e4" in (tmp_path / "threads.svg").read_text()
     rows = {(r["group"], r["name"]): r for r in json.loads(output.read_text())["rows"]}
     both, one = (rows["threads, cloud-1e4, clock", n]["runs"][0] for n in ("2 threads", "1 thread"))
     assert rows["threads, cloud-1e4, clock", "1 thread"]["ratios"] == [one / both]
