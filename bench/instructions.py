@@ -5,7 +5,7 @@
     python -m bench.instructions --renew    keeps what it counts there, for this compiler
 
 Callgrind counts (valgrind must be installed). It knows no AVX-512, so kernels are AVX2's. Counts
-depend on the compiler and are kept for each; they are the same from run to run to 1 in 10,000, and
+depend on the compiler and are kept for each; they are the same from run to run to 0.1 %, and
 say nothing of caches or of branches that are mispredicted.
 """
 

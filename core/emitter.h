@@ -99,7 +99,7 @@ PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, Vec
   const float outside = scene.outside_share;
   if (choice.y < outside) {
     float place = choice.y / outside;
-    u32 index = scene.outside_first;
+    u32 index = scene.outside_first;  // they are few
     for (; index + 1 < scene.smooth_first && place >= scene.lights[index].share; ++index) {
       place -= scene.lights[index].share;
     }

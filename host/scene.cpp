@@ -541,21 +541,50 @@ void Scene::make_lights(std::vector<LightInput> inputs, const std::vector<BuiltG
     leaves[emitters_.size() + i] = {{r.position, r.position}, r.axis, r.cos_o, r.cos_e, r.power, 0};
   }
   light_count_ = view_.smooth_first - view_.outside_first;
-  double own = 0.0;
-  for (const LightLeaf& leaf : leaves) {
-    light_count_ += leaf.power > 0.0f;
-    own += static_cast<double>(leaf.power);
-  }
-  share_outside(own);
+  for (const LightLeaf& leaf : leaves) light_count_ += leaf.power > 0.0f;
+  share_outside(leaves);
   light_tree_ = build_light_tree(std::move(leaves));
   view_.light_tree = light_tree_.view();
 }
 
+// The median distance of the scene's primitives and instances, of many some, from a point: of what
+// a picture shows, most is about so far away, however large the ground may be.
+double Scene::usual_distance(Vec3 from) const {
+  constexpr u32 kSome = 256;  // blocks
+  std::vector<double> distances;
+  const auto add = [&](Vec3 at) {
+    distances.push_back(std::hypot(static_cast<double>(at.x - from.x),
+                                   static_cast<double>(at.y - from.y),
+                                   static_cast<double>(at.z - from.z)));
+  };
+  const Group& own = groups_.back();
+  const u32 step = std::max(static_cast<u32>(block_count() / kSome), 1u);
+#define SHAPE(name, Type)                                                        \
+  for (u32 b = own.first_##name; b < own.last_##name; b += step) {               \
+    for (u32 lane = 0; lane < 16; ++lane) {                                      \
+      if (name##s_[b].id[lane] == kNone) continue;                               \
+      const Aabb box = box_of(baseline::primitive(name##s_[b], lane));           \
+      add({0.5f * (box.low[0] + box.high[0]), 0.5f * (box.low[1] + box.high[1]), \
+           0.5f * (box.low[2] + box.high[2])});                                  \
+    }                                                                            \
+  }
+#include "../core/shapes.def"
+#undef SHAPE
+  for (u32 i = own.first_instance; i < own.last_instance; i += step) {
+    const float (&m)[12] = instances_[i].to_scene;
+    add({m[3], m[7], m[11]});
+  }
+  if (distances.empty()) return 0.0;
+  const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+  std::nth_element(distances.begin(), middle, distances.end());
+  return *middle;
+}
+
 // How many of the samples for light go outside, and to which of the lights there: by the irradiance
-// of what they give, found by samples spread evenly, and of what lights in the scene give, `own`
-// being the sum of their radiant intensities, on a sphere around it. As neither says what is hidden
-// where, all lights from outside share a part evenly, and both kinds get a part whatever they give.
-void Scene::share_outside(double own) {
+// of what they give, found by samples spread evenly, and of what lights in the scene give where
+// most of it lies. As neither says what is hidden where, all lights from outside share a part
+// evenly, and both kinds get a part whatever they give.
+void Scene::share_outside(const std::vector<LightLeaf>& leaves) {
   constexpr u32 kSamples = 1024;
   constexpr double kEvenly = 0.1;
   const u32 first = view_.outside_first, end = view_.smooth_first;
@@ -577,14 +606,22 @@ void Scene::share_outside(double own) {
     const double part = whole > 0.0 ? given[i - first] / whole : 1.0 / (end - first);
     lights_[i].share = static_cast<float>(kEvenly / (end - first) + (1.0 - kEvenly) * part);
   }
+  double own = 0.0, x = 0.0, y = 0.0, z = 0.0;
+  for (const LightLeaf& leaf : leaves) {
+    const double power = static_cast<double>(leaf.power);
+    const Box& box = leaf.bounds;
+    own += power;
+    x += power * static_cast<double>(0.5f * (box.low.x + box.high.x));
+    y += power * static_cast<double>(0.5f * (box.low.y + box.high.y));
+    z += power * static_cast<double>(0.5f * (box.low.z + box.high.z));
+  }
   view_.outside_share = first == end ? 0.0f : 1.0f;
   if (first == end || !(own > 0.0)) return;
-  // Of a flat light pi times its intensity is its flux; a quarter of the light from all around
-  // arrives at a surface, whichever way it faces.
-  using baseline::operator-;
-  const Vec3 size = view_.bounds.high - view_.bounds.low;
-  const double around = kPi * static_cast<double>(baseline::dot(size, size));
-  const double from_outside = 0.25 * whole, from_own = kPi * own / around;
+  // Of light, from wherever it comes, a quarter arrives at a surface that faces anywhere; and of
+  // its greatest intensity a flat light has a quarter in the mean of all directions.
+  const double distance = usual_distance(
+      {static_cast<float>(x / own), static_cast<float>(y / own), static_cast<float>(z / own)});
+  const double from_outside = 0.25 * whole, from_own = 0.25 * 0.25 * own / (distance * distance);
   view_.outside_share = static_cast<float>(
       std::clamp(from_outside / (from_outside + from_own), kEvenly, 1.0 - kEvenly));
 }

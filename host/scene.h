@@ -137,7 +137,8 @@ class Scene {
   void make_lights(std::vector<LightInput> lights, const std::vector<BuiltGroup>& built);
   void tabulate(LightRecord& record);
   LightLeaf leaf_of(const Slot& slot) const;
-  void share_outside(double own);
+  void share_outside(const std::vector<LightLeaf>& leaves);
+  double usual_distance(Vec3 from) const;
   bool shines(const MaterialRecord& m) const;
 
   size_t primitive_count_ = 0;

@@ -41,10 +41,11 @@ class Look:
         t = b - np.sqrt(np.maximum(discriminant, 0))
         return seen, np.array([0, 0, self.distance]) + t[..., None] * d
 
-    def render(self, *shapes: ph.Spheres, background: ph.Background = BLACK, **settings):
+    def render(self, *shapes: ph.Spheres, background=BLACK, lights=(), **settings):
         scene = ph.Scene(
             shapes,
             background=background,
+            lights=lights,
             camera=ph.Camera(eye=(0, 0, self.distance), target=(0, 0, 0), vfov=self.vfov),
         )
         settings = {"spp": 16, "threads": 1, **settings}
@@ -378,3 +379,27 @@ def test_the_feature_direct_is_the_integrator_direct() -> None:
     parts = seen.features
     np.testing.assert_allclose(parts["emission"] + parts["direct"], once, atol=1e-5)
     assert parts["indirect"].max() > 0.01
+
+
+def test_light_of_several_lights_is_the_sum_of_each() -> None:
+    """A panorama of each mapping, one far brighter, a sun and a lamp: chosen by what they give."""
+    rng = np.random.default_rng(3)
+    look = Look(size=8)
+    lights = [
+        ph.Light("envmap", image=rng.gamma(0.3, size=(8, 16, 3)).astype(np.float32)),
+        ph.Light("envmap", image=rng.gamma(0.3, 9.0, (8, 8, 3)), mapping="equal_area"),
+        ph.Light("directional", direction=(-1, -2, -3), irradiance=(2, 3, 1), angle=2.0),
+    ]
+    ground = ph.Spheres([(0, -101, 0)], 100.0, ph.Material("metal", fuzz=0.5))
+
+    def runs(shown: list[ph.Light], radiance: float) -> np.ndarray:
+        ball = ph.Spheres([(0, 0, 0)], 1.0, ph.Material("diffuse", color=(0.5, 0.6, 0.7)))
+        bulb = lamp((1.6, 1.6, 1.0), 0.2, np.full(3, radiance))
+        return look.runs(ball, ground, bulb, lights=shown, spp=64, count=16, max_depth=5)
+
+    together = runs(lights, 40.0)
+    apart = sum(runs([light], 0.0) for light in lights) + runs([], 40.0)
+    a, b = together.mean(axis=-1), apart.mean(axis=-1)
+    expected = b.mean(axis=0)
+    assert mean_p(a - b + expected, expected) > SIGNIFICANCE
+    assert abs(a.mean() / b.mean() - 1) < 0.01

@@ -46,7 +46,8 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
     import pyluxcore as lux
 
     lux.Init(lambda _message: None)
-    atexit.register(os._exit, 0)  # it crashes where Python takes it down
+    # It crashes where Python takes it down. Errors are told through the pipe, not by the status.
+    atexit.register(os._exit, 0)
     settings = _settings(job)
     if scene.lights > FEW_LIGHTS:
         folder = tempfile.TemporaryDirectory(prefix="bench-luxcore-")

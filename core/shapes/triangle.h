@@ -8,10 +8,11 @@
 // Method: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013.
 //
 // In float the sign of an edge function is right or it is 0, since rounding keeps the order of its
-// two products. So float tells which of sixteen triangles the ray passes through, but for those
-// where one is 0: there double decides, in which the products are exact. Double also gives the
-// distance of those that are not too near or too far whatever it is: the weights of a needle would
-// mean nothing in float.
+// two products. So float tells which of sixteen triangles the ray passes through; where a function
+// is 0 double decides, in which the products are exact. Float also leaves out those whose vertices
+// all lie behind the ray or beyond its limit. The distance of the others, of which the nearest
+// counts, is taken in double: the weights of a needle would mean nothing in float. A shadow ray
+// needs none where all vertices lie between.
 #pragma once
 #include "point.h"
 
@@ -146,22 +147,28 @@ PH_INLINE Passed pass(const TriangleBlock& block, const Ray& ray, const Shear& s
           bits((zero < nearest) & (farthest <= all(limit * (1.0f - kSlack))))};
 }
 
+// Whether the ray does meet a triangle that it may meet, and at what distance.
+PH_INLINE bool met(const TriangleBlock& block, u32 lane, const Passed& passed, const Ray& ray,
+                   const Shear& shear, float limit, float& distance) {
+  const Triangle t = primitive(block, lane);
+  Weights w;
+  if ((passed.does >> lane & 1u) == 0 && !pierced(t, ray, shear, w)) return false;
+  distance = distance_to(t, ray, shear);
+  return distance > 0.0f && distance <= limit;
+}
+
 // Distances to the block's triangles, and a bit for each that is hit at 0 < t <= limit.
 // self_lane: the lane that the ray starts on, which is never hit, or kNone. The direction may have
 // any length.
 PH_INLINE u32 intersect(const TriangleBlock& block, const Ray& ray, float limit, u32 self_lane,
                         float* distance) {
   const Shear shear = shear_along(ray.direction);
-  Passed passed = pass(block, ray, shear, limit);
-  if (self_lane != kNone) passed.may &= ~(1u << self_lane);
-  u32 hit = 0;
-  for (; passed.may != 0; passed.may &= passed.may - 1) {
-    const u32 lane = lowest_bit(passed.may);
-    const Triangle t = primitive(block, lane);
-    Weights w;
-    if ((passed.does >> lane & 1u) == 0 && !pierced(t, ray, shear, w)) continue;
-    distance[lane] = distance_to(t, ray, shear);
-    if (distance[lane] > 0.0f && distance[lane] <= limit) hit |= 1u << lane;
+  const Passed passed = pass(block, ray, shear, limit);
+  u32 may = passed.may, hit = 0;
+  if (self_lane != kNone) may &= ~(1u << self_lane);
+  for (; may != 0; may &= may - 1) {
+    const u32 lane = lowest_bit(may);
+    if (met(block, lane, passed, ray, shear, limit, distance[lane])) hit |= 1u << lane;
   }
   return hit;
 }
@@ -169,16 +176,12 @@ PH_INLINE u32 intersect(const TriangleBlock& block, const Ray& ray, float limit,
 // Whether any is hit but those of `ignored`, a bit for each.
 PH_INLINE bool intersect_any(const TriangleBlock& block, const Ray& ray, float limit, u32 ignored) {
   const Shear shear = shear_along(ray.direction);
-  Passed passed = pass(block, ray, shear, limit);
-  passed.may &= ~ignored;
-  if ((passed.may & passed.does & passed.within) != 0) return true;
-  for (; passed.may != 0; passed.may &= passed.may - 1) {
-    const u32 lane = lowest_bit(passed.may);
-    const Triangle t = primitive(block, lane);
-    Weights w;
-    if ((passed.does >> lane & 1u) == 0 && !pierced(t, ray, shear, w)) continue;
-    const float distance = distance_to(t, ray, shear);
-    if (distance > 0.0f && distance <= limit) return true;
+  const Passed passed = pass(block, ray, shear, limit);
+  u32 may = passed.may & ~ignored;
+  if ((may & passed.does & passed.within) != 0) return true;
+  for (; may != 0; may &= may - 1) {
+    float distance;
+    if (met(block, lowest_bit(may), passed, ray, shear, limit, distance)) return true;
   }
   return false;
 }
