@@ -6,6 +6,7 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
+#include <nanobind/stl/variant.h>
 #include <nanobind/stl/vector.h>
 
 #include <array>
@@ -14,6 +15,7 @@
 #include <memory>
 #include <optional>
 #include <tuple>
+#include <variant>
 
 #include "../host/errors.h"
 #include "../host/kernels.h"
@@ -22,6 +24,7 @@
 #include "../host/view.h"
 #include "arrays.h"
 #include "loading.h"
+#include "pixel.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -374,6 +377,24 @@ SceneInput to_scene(const nb::dict& d) {
   return input;
 }
 
+// The lists "materials" or "lights" of what flatten.py makes, in the place of the scene's.
+void set_materials(Scene& scene, const nb::list& listed) {
+  std::vector<TextureBinding> bindings;  // as they are: they begin where they began
+  std::vector<MaterialRecord> materials;
+  for (nb::handle m : listed) {
+    materials.push_back(to_material(nb::cast<nb::dict>(m), bindings));
+  }
+  nb::gil_scoped_release unlocked;
+  scene.set_materials(std::move(materials));
+}
+
+void set_lights(Scene& scene, const nb::list& listed) {
+  std::vector<LightInput> lights;
+  for (nb::handle l : listed) lights.push_back(to_light(nb::cast<nb::dict>(l)));
+  nb::gil_scoped_release unlocked;
+  scene.set_lights(std::move(lights));
+}
+
 nb::dict scene_stats(const Scene& scene) {
   nb::dict d;
 #define SHAPE(name, Type) d[#name "s"] = scene.primitive_count(ShapeKind::name);
@@ -384,6 +405,7 @@ nb::dict scene_stats(const Scene& scene) {
   d["leaves"] = scene.block_count();
   d["lights"] = scene.light_count();
   d["bytes"] = scene.memory();
+  d["peak_bytes"] = scene.peak_memory();
   d["scale"] = scene.scale();
   return d;
 }
@@ -451,7 +473,7 @@ RenderView make_view(const Scene& scene, const nb::dict& camera, u32 width, u32 
                      const std::string& filter, double filter_radius, const std::string& sampler,
                      u64 seed, u32 max_depth, bool roulette, bool tree,
                      const std::string& integrator, double ao_distance,
-                     const std::optional<DTriple>& backdrop) {
+                     const std::optional<DTriple>& backdrop, double clamp_indirect) {
   if (width == 0 || height == 0) throw SceneError("width and height must be at least 1");
   CameraInput c{};
   c.projection = get<std::string>(camera, "projection");
@@ -485,6 +507,7 @@ RenderView make_view(const Scene& scene, const nb::dict& camera, u32 width, u32 
     view.backdrop = {static_cast<float>((*backdrop)[0]), static_cast<float>((*backdrop)[1]),
                      static_cast<float>((*backdrop)[2])};
   }
+  if (clamp_indirect > 0.0) view.clamp_indirect = static_cast<float>(clamp_indirect);
   view.media = media_around(scene, c, tree);
   if (integrator == "direct") {
     view.max_depth = std::min(max_depth, 2u);
@@ -504,9 +527,27 @@ Schedule schedule_of(const std::string& name) {
   throw SceneError("unknown schedule '" + name + "' (choices: dynamic, static, guided)");
 }
 
-std::tuple<u64, u64, bool> render(Film& film, const Scene& scene, const RenderView& view, u32 first,
-                                  u32 last, int threads, u32 tile, const std::string& schedule,
-                                  const std::string& isa, nb::object tick) {
+using Targets = nb::ndarray<const u32, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+// targets: samples per pixel, the same for all, by block, or by pixel.
+std::tuple<u64, u64, bool> render(Film& film, const Scene& scene, const RenderView& view,
+                                  const std::variant<u32, Targets>& targets, int threads, u32 tile,
+                                  const std::string& schedule, const std::string& isa,
+                                  nb::object tick) {
+  const size_t down = film.blocks_down(), across = film.blocks_across();
+  std::vector<u32> wanted(down * across);
+  if (const u32* all = std::get_if<u32>(&targets)) {
+    wanted.assign(wanted.size(), *all);
+  } else {
+    const Targets& given = std::get<Targets>(targets);
+    const bool of_blocks = given.shape(0) == down && given.shape(1) == across;
+    if (!of_blocks && !(given.shape(0) == film.height && given.shape(1) == film.width)) {
+      throw SceneError("targets must be " + std::to_string(down) + " by " + std::to_string(across) +
+                       ", for blocks, or " + std::to_string(film.height) + " by " +
+                       std::to_string(film.width));
+    }
+    wanted.assign(given.data(), given.data() + given.size());
+  }
   if (threads < 1) throw SceneError("threads must be at least 1");
   if (tile < 1) throw SceneError("tile must be at least 1");
   RenderOptions options;
@@ -530,10 +571,38 @@ std::tuple<u64, u64, bool> render(Film& film, const Scene& scene, const RenderVi
   PassResult result;
   {
     nb::gil_scoped_release unlocked;
-    result = render_pass(k, scene, view, film, first, last, options, on_tick);
+    result = render_pass(k, scene, view, film, wanted, options, on_tick);
   }
   if (error) std::rethrow_exception(error);
   return {result.samples, result.rays, result.complete};
+}
+
+// Film::errors, (blocks down, blocks across).
+nb::object film_errors(const Film& film) {
+  if (film.prefixes.empty()) throw SceneError("the film was made without errors");
+  double* out;
+  nb::object errors = make_array<double>({film.blocks_down(), film.blocks_across()}, out);
+  film.errors(out);
+  return errors;
+}
+
+// Film::variances, (h, w).
+nb::object film_variances(const Film& film) {
+  if (film.prefixes.empty()) throw SceneError("the film was made without errors");
+  float* out;
+  nb::object variances = make_array<float>({film.height, film.width}, out);
+  film.variances(out);
+  return variances;
+}
+
+// The bytes of the film, for checkpoints: (pixels, features, prefixes), to be read and written.
+std::tuple<nb::object, nb::object, nb::object> film_memory(nb::handle_t<Film> self) {
+  Film& film = nb::cast<Film&>(self);
+  const auto bytes = [&](auto& values) {
+    return nb::cast(
+        nb::ndarray<nb::numpy, u8>(values.data(), {values.size() * sizeof values[0]}, self));
+  };
+  return {bytes(film.pixels), bytes(film.features), bytes(film.prefixes)};
 }
 
 // (means (h, w, 3), samples per pixel (h, w), samples that were not finite (h, w))
@@ -734,16 +803,23 @@ NB_MODULE(_core, m) {
       std::rethrow_exception(p);
     } catch (const SceneError& e) {
       PyErr_SetString(nb::module_::import_("parhelion.errors").attr("SceneError").ptr(), e.what());
+    } catch (const ResourceError& e) {
+      const nb::object type = nb::module_::import_("parhelion.errors").attr("ResourceError");
+      PyErr_SetString(type.ptr(), e.what());
     }
   });
 
   nb::class_<Scene>(m, "Scene", "Shapes, materials and lights, checked, with their trees.")
-      .def("__init__",
-           [](Scene* self, const nb::dict& parts) {
-             SceneInput input = to_scene(parts);
-             nb::gil_scoped_release unlocked;
-             new (self) Scene(std::move(input));
-           })
+      .def(
+          "__init__",
+          [](Scene* self, const nb::dict& parts, std::optional<u64> memory_limit) {
+            SceneInput input = to_scene(parts);
+            nb::gil_scoped_release unlocked;
+            new (self) Scene(std::move(input), memory_limit.value_or(~u64{0}));
+          },
+          "parts"_a, "memory_limit"_a.none() = nb::none())
+      .def("set_materials", &set_materials, "materials"_a)
+      .def("set_lights", &set_lights, "lights"_a)
       .def("stats", &scene_stats)
       .def("intersect", &intersect, "origins"_a, "directions"_a, "tree"_a = true, "isa"_a = "")
       .def("occluded", &occluded, "origins"_a, "directions"_a, "limits"_a, "tree"_a = true,
@@ -753,18 +829,25 @@ NB_MODULE(_core, m) {
   nb::class_<RenderView>(m, "View", "A camera and settings, checked.");
   m.def("make_view", &make_view, "scene"_a, nb::kw_only(), "camera"_a, "width"_a, "height"_a,
         "filter"_a, "filter_radius"_a, "sampler"_a, "seed"_a, "max_depth"_a, "roulette"_a, "tree"_a,
-        "integrator"_a, "ao_distance"_a, "backdrop"_a.none());
+        "integrator"_a, "ao_distance"_a, "backdrop"_a.none(), "clamp_indirect"_a = 0.0);
 
   nb::class_<Film>(m, "Film", "The sums of a rectangle of the picture.")
-      .def(nb::init<u32, u32, u32, u32, bool>(), "x"_a, "y"_a, "width"_a, "height"_a,
-           "features"_a = false)
-      .def("render", &render, "scene"_a, "view"_a, "first"_a, "last"_a, nb::kw_only(), "threads"_a,
+      .def(nb::init<u32, u32, u32, u32, bool, bool, u32>(), "x"_a, "y"_a, "width"_a, "height"_a,
+           "features"_a = false, "errors"_a = false, "first"_a = 0)
+      .def("render", &render, "scene"_a, "view"_a, "targets"_a, nb::kw_only(), "threads"_a,
            "tile"_a, "schedule"_a, "isa"_a, "tick"_a.none())
+      .def_ro("width", &Film::width)
+      .def_ro("height", &Film::height)
+      .def("errors", &film_errors)
+      .def("variances", &film_variances)
+      .def("memory", &film_memory)
       .def("arrays", &film_arrays)
       .def("features", &feature_arrays, "unit"_a)
       .def("mattes", &matte_arrays, "shape_ids"_a, "material_ids"_a);
   m.def("one_sample", &one_sample, "scene"_a, "view"_a, "x"_a, "y"_a, "sample"_a, "isa"_a = "");
 
+  m.attr("sources") = PARHELION_SOURCES;  // a hash of what decides over the picture
+  m.attr("block") = kBlock;
   m.def("tables", &tables);
   m.def("instruction_sets", &instruction_sets);
   m.def("instruction_set", [] { return std::string(kernels().name); });
@@ -775,6 +858,7 @@ NB_MODULE(_core, m) {
   }
 
   bind_loading(m);
+  bind_pixel(m);
 
   m.def("warp", &warp, "name"_a, "parameter"_a, "u"_a);
   m.def("warp_pdf", &warp_pdf, "name"_a, "parameter"_a, "w"_a);

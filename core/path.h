@@ -63,6 +63,7 @@ struct PathState {
   u32 channel;          // of red, green and blue the only one left, 0 to 2; kNone: all are there
   u32 holes;            // passed by all rays so far
   float travelled;      // from the camera
+  float brightest;      // that light scattered more than once may be; RenderView::clamp_indirect
   Sampler sampler;
   Media media;
 };
@@ -177,11 +178,20 @@ PH_INLINE Vec3 transmittance(const SceneView& scene, Ray ray, float distance, Sl
   return {0, 0, 0};
 }
 
+// Adds light that was scattered so many times on its way to the camera.
+PH_INLINE void add_scattered(PathState& path, Vec3 light, u32 times) {
+  if (times > 1) {
+    const float most = max_component(light);
+    if (most > path.brightest) light *= path.brightest / most;
+  }
+  path.sum += light;
+}
+
 // Light that the path's ray met by itself, weighed against the light sample that might have.
 PH_INLINE void add_light(PathState& path, Vec3 radiance, float light_density) {
   const float weight =
       path.scatter_pdf > 0.0f ? power_heuristic(path.scatter_pdf, light_density) : 1.0f;
-  path.sum += path.throughput * radiance * weight;
+  add_scattered(path, path.throughput * radiance * weight, path.depth - 1);
 }
 
 // --- Bodies around a point ---------------------------------------------------------------------
@@ -293,7 +303,7 @@ PH_INLINE void receive(const SceneView& scene, const RenderView& view, PathState
     if (v.crosses) cross_boundary(scene, media, *v.record, v.local_wo.z > 0.0f);
     absorb(scene, media, light.distance, sum);
   }
-  path.sum += path.throughput * sum;
+  add_scattered(path, path.throughput * sum, path.depth);
 }
 
 // Sends the path on; false where it ends.
@@ -474,6 +484,7 @@ PH_INLINE void begin(const RenderView& view, const CameraBatch<kCount>& batch, u
   path.channel = kNone;
   path.holes = 0;
   path.media = view.media;
+  path.brightest = view.clamp_indirect;
   path.travelled = batch.sight[at] == Sight::scene ? batch.start[at] : 0.0f;
   path.ray.origin = {batch.origin[0][at], batch.origin[1][at], batch.origin[2][at]};
   path.ray.direction = {batch.direction[0][at], batch.direction[1][at], batch.direction[2][at]};

@@ -175,6 +175,9 @@ struct RenderView {
   float ao_distance;  // normalised units
   Vec3 backdrop;      // seen where the camera's rays hit nothing; NaN in x: what light is there
   Media media;        // that the camera is inside of
+  // The most that light of one sample may bring to it after more than one scattering: kInfinity is
+  // the truth, less is darker than that.
+  float clamp_indirect = kInfinity;
 };
 
 }  // namespace parhelion

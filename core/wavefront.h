@@ -126,6 +126,14 @@ inline void ask(const SceneView& scene, Vertex* const* here, u32 n, const Bounce
   }
 }
 
+// When a path may be looked at: after each of these.
+enum class Step : u32 { begins, leaves, meets, approaches, asks, receives, scatters };
+
+// Looks at nothing, and is nothing once it is compiled. vertex: null where there is none.
+struct Unwatched {
+  PH_INLINE void operator()(Step, const PathState&, const Vertex* /*vertex*/, Fate) const {}
+};
+
 // Paths that are followed together. One that has ended leaves its place to another.
 inline constexpr u32 kPaths = 2 * kBatch;
 struct PathPool {
@@ -165,8 +173,9 @@ PH_INLINE void begin(const SceneView& scene, const RenderView& view,
 }
 
 // Scatters paths at n vertices, up to kBatch.
+template <class Watch>
 inline void bounce(const SceneView& scene, const RenderView& view, PathPool& pool,
-                   Vertex* const* here, u32 n, PathStats& stats) {
+                   Vertex* const* here, u32 n, PathStats& stats, const Watch& watch) {
   BounceDraws draws = {};
   draw_bounces(pool.path, here, n, asks_for_light(scene), draws);
   if (asks_for_light(scene)) {
@@ -176,10 +185,12 @@ inline void bounce(const SceneView& scene, const RenderView& view, PathPool& poo
       if (!v.asks) continue;
       v.asks = with_material(
           v.block, [&](const auto& material) { return weigh(material, pool.path[v.place], v); });
+      watch(Step::asks, pool.path[v.place], &v, Fate::scatters);
     }
     for (u32 k = 0; k < n; ++k) {
       const Vertex& v = *here[k];
       if (v.asks) receive(scene, view, pool.path[v.place], v, stats);
+      watch(Step::receives, pool.path[v.place], &v, Fate::scatters);
       if (pool.path[v.place].depth == 1) pool.note_direct(v.place);
     }
   }
@@ -189,13 +200,16 @@ inline void bounce(const SceneView& scene, const RenderView& view, PathPool& poo
       return scatter(scene, view, material, draws.bsdf(k), draws.roulette[k], pool.path[v.place],
                      v);
     });
-    pool.settle(v.place, goes_on ? Fate::passes : Fate::ends);
+    const Fate fate = goes_on ? Fate::passes : Fate::ends;
+    watch(Step::scatters, pool.path[v.place], &v, fate);
+    pool.settle(v.place, fate);
   }
 }
 
 // Takes n paths, up to kBatch, along one ray each and through what that meets.
+template <class Watch>
 inline void advance(const SceneView& scene, const RenderView& view, PathPool& pool,
-                    const u32 (&places)[kBatch], u32 n, PathStats& stats) {
+                    const u32 (&places)[kBatch], u32 n, PathStats& stats, const Watch& watch) {
   for (u32 k = 0; k < n; ++k) {
     PathState& path = pool.path[places[k]];
     intersect(scene, path.ray, kInfinity, view.tree, path.hit);
@@ -210,8 +224,10 @@ inline void advance(const SceneView& scene, const RenderView& view, PathPool& po
     Fate fate = Fate::ends;
     if (pool.path[i].hit.slot.leaf == kNone) {
       leave_scene(scene, view, pool.path[i]);
+      watch(Step::leaves, pool.path[i], nullptr, fate);
     } else {
       fate = meet(scene, view, pool.path[i], v, pool.features_of(i), stats);
+      watch(Step::meets, pool.path[i], &v, fate);
     }
     pool.note_direct(i);
     if (fate == Fate::scatters) {
@@ -228,39 +244,43 @@ inline void advance(const SceneView& scene, const RenderView& view, PathPool& po
       if (own && pool.path[i].depth == 1) own->albedo = albedo_of(material);
       return approach(scene, material, pool.path[i], v, own);
     });
+    watch(Step::approaches, pool.path[i], &v, fate);
     if (fate == Fate::scatters) {
       here[scattering++] = &v;
     } else {
       pool.settle(i, fate);
     }
   }
-  if (scattering != 0) bounce(scene, view, pool, here, scattering, stats);
+  if (scattering != 0) bounce(scene, view, pool, here, scattering, stats, watch);
 }
 
 // The same for the paths of the pool that go on, from the one at `first` in their list.
+template <class Watch = Unwatched>
 inline void advance(const SceneView& scene, const RenderView& view, PathPool& pool, u32 first,
-                    PathStats& stats) {
+                    PathStats& stats, const Watch& watch = {}) {
   const u32 count = pool.on_count;
   pool.on_count = first;
   for (u32 begin = first; begin < count; begin += kBatch) {
     const u32 n = count - begin < kBatch ? count - begin : kBatch;
     u32 places[kBatch];  // taken out before others are put there
     for (u32 k = 0; k < n; ++k) places[k] = pool.on[begin + k];
-    advance(scene, view, pool, places, n, stats);
+    advance(scene, view, pool, places, n, stats, watch);
   }
   stats.rays += pool.on_count - first;
 }
 
 // Radiance that one sample of one pixel sees: a pure function of pixel and sample.
+template <class Watch = Unwatched>
 inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample,
-                     PathStats& stats) {
+                     PathStats& stats, const Watch& watch = {}) {
   CameraBatch<1> batch = {};
   batch.x[0] = x;
   batch.sample[0] = sample;
   begin_paths(scene, view, y, batch);
   PathPool pool;
   begin(scene, view, batch, 0, pool, 0, stats);
-  while (pool.on_count != 0) advance(scene, view, pool, 0, stats);
+  watch(Step::begins, pool.path[0], nullptr, pool.on_count != 0 ? Fate::passes : Fate::ends);
+  while (pool.on_count != 0) advance(scene, view, pool, 0, stats, watch);
   return pool.path[0].sum;
 }
 

@@ -18,11 +18,13 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <vector>
 
 #include "../core/view.h"
 #include "array.h"
+#include "memory.h"
 #include "threads.h"
 
 #if defined(__SSE2__)
@@ -145,8 +147,10 @@ class TreeBuilder {
   TreeBuilder(size_t count, const Leaves& leaves) : count_(count), leaves_(leaves) {}
 
   // Makes the tree, apart from what write() writes. Returns the first primitive without a box, or
-  // the count; with one, there is no tree.
-  size_t plan() {
+  // the count; with one, there is no tree. expect: told, before it is taken, how much memory parts
+  // that are divided take beside what plan_bytes() says of the whole.
+  template <class Expect>
+  size_t plan(const Expect& expect) {
     order_ = Array<u32>(count_);
     Extent box, centers;
     size_t lost = count_;
@@ -173,9 +177,22 @@ class TreeBuilder {
     }
     if (lost < count_) return lost;
     bounds_ = box.box();
-    if (count_ > 0) divide_all(centers);
+    if (count_ > 0) divide_all(centers, expect);
     count_up();
     return lost;
+  }
+
+  // Bytes of a plan, until it is written: of so many primitives at first, and of this one.
+  static u64 plan_bytes(u64 count) {
+    return count * sizeof(u32) + count / kLeafSize * (sizeof(Leaf) + sizeof(Node) / kLeafSize);
+  }
+  u64 plan_bytes() const {
+    u64 bytes = order_.bytes() + top_.capacity() * sizeof(Node);
+    for (const Job& job : jobs_) {
+      bytes += sizeof(Job) + job.made.nodes.capacity() * sizeof(Node) +
+               job.made.leaves.capacity() * sizeof(Leaf);
+    }
+    return bytes;
   }
 
   Aabb bounds() const { return bounds_; }
@@ -332,7 +349,8 @@ class TreeBuilder {
   }
 
   // Divides parts that are too large for one thread by all of them, then gives each thread some.
-  void divide_all(const Extent& centers) {
+  template <class Expect>
+  void divide_all(const Extent& centers, const Expect& expect) {
     std::vector<Open> todo = {{0, count_, 0, kNoNode, 0}};
     while (!todo.empty()) {
       const Open part = todo.back();
@@ -342,25 +360,45 @@ class TreeBuilder {
         jobs_.push_back({part, {}});
       }
     }
+    expect(copied());
+    MemoryGuard guard;
 #pragma omp parallel if (jobs_.size() > 1)
     {
-      std::vector<Ref> refs, spare;
+      Array<Ref> refs, spare;
 #pragma omp for schedule(dynamic, 1)
       for (size_t i = 0; i < jobs_.size(); ++i) {
-        Job& job = jobs_[i];
-        refs.resize(job.size);
-        spare.resize(job.size);
-        const u32* ids = order_.data() + job.first;
-        for (size_t k = 0; k < job.size; ++k) {
-          if (k + kAhead < job.size) leaves_.prefetch(ids[k + kAhead]);
-          refs[k] = leaves_.ref(ids[k]);
-        }
-        job.made.next = order_.data() + job.first;
-        job.made.root = subtree(refs.data(), spare.data(), job.size, job.depth, job.made);
-        job.made.nodes.shrink_to_fit();
-        job.made.leaves.shrink_to_fit();
+        guard.run([&] {
+          Job& job = jobs_[i];
+          if (refs.size() < job.size) {
+            refs = {}, spare = {};  // before others are asked for
+            refs = Array<Ref>(job.size);
+            spare = Array<Ref>(job.size);
+          }
+          const u32* ids = order_.data() + job.first;
+          for (size_t k = 0; k < job.size; ++k) {
+            if (k + kAhead < job.size) leaves_.prefetch(ids[k + kAhead]);
+            refs[k] = leaves_.ref(ids[k]);
+          }
+          job.made.next = order_.data() + job.first;
+          job.made.root = subtree(refs.data(), spare.data(), job.size, job.depth, job.made);
+          job.made.nodes.shrink_to_fit();
+          job.made.leaves.shrink_to_fit();
+        });
       }
     }
+    guard.check();
+  }
+
+  // Bytes of the parts that are copied at a time, one a thread, and of the forks of an uneven one.
+  u64 copied() const {
+    std::vector<size_t> sizes;
+    for (const Job& job : jobs_) sizes.push_back(job.size);
+    const size_t most = std::min(sizes.size(), static_cast<size_t>(omp_get_max_threads()));
+    std::partial_sort(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(most), sizes.end(),
+                      std::greater<>());
+    u64 refs = 0;
+    for (size_t i = 0; i < most; ++i) refs += sizes[i];
+    return refs * (2 * sizeof(Ref) + 2 * sizeof(Fork) / kLeafSize);
   }
 
   // centers: of all primitives.
@@ -480,11 +518,14 @@ class TreeBuilder {
         threads ? std::clamp(n / (4 * cells), size_t{1}, static_cast<size_t>(omp_get_max_threads()))
                 : 1;
     const auto start = [&](size_t chunk) { return n * chunk / chunks; };
-    std::vector<std::uint16_t> cell_of(n);
+    Array<std::uint16_t> cell_of(n);
     std::vector<std::vector<Bin>> bins(chunks);
+    MemoryGuard guard;
+#pragma omp parallel for schedule(static, 1) if (threads)
+    for (size_t t = 0; t < chunks; ++t) guard.run([&] { bins[t].resize(cells); });
+    guard.check();
 #pragma omp parallel for schedule(static, 1) if (threads)
     for (size_t t = 0; t < chunks; ++t) {
-      bins[t].resize(cells);
       for (size_t i = start(t), end = start(t + 1); i < end; ++i) {
         const Ref& r = ref_of(items[i]);
         const u32 c = grid.cell_of(r);

@@ -19,6 +19,8 @@ class DistributionTable {
     return {rows_.data(),         columns_.data(), row_guide_.data(),
             column_guide_.data(), width_,          height_};
   }
+  // Of so many weights, about.
+  static u64 bytes(u64 weights) { return weights * (sizeof(u32) + sizeof(u16)); }
   std::size_t memory() const {
     return rows_.bytes() + columns_.bytes() + row_guide_.bytes() + column_guide_.bytes();
   }

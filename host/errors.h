@@ -9,4 +9,8 @@ struct SceneError : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+struct ResourceError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
 }  // namespace parhelion

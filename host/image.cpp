@@ -136,6 +136,21 @@ ImagePyramid::ImagePyramid(const ImageInput& input) {
   if (input.mip) reduce();
 }
 
+ImagePyramid::Needs ImagePyramid::needs(const ImageInput& input) {
+  const u64 channels = input.channels == 2 ? 4 : input.channels;
+  u64 texels = u64{input.width} * input.height, below = 0;
+  if (input.mip) {
+    for (u32 w = input.width, h = input.height; w > 1 || h > 1;) {
+      w = std::max(w / 2, 1u), h = std::max(h / 2, 1u);
+      texels += u64{w} * h;
+      if (below == 0) below = u64{w} * h;
+    }
+  }
+  const u64 size = input.type == SampleType::uint8 ? sizeof(u8) : sizeof(float);
+  // The second level in float, and the third beside it.
+  return {texels * channels * size, (below + below / 4) * channels * sizeof(float)};
+}
+
 ImageView ImagePyramid::view() const {
   ImageView v = view_;
   v.texels = bytes_.empty() ? static_cast<const void*>(floats_.data()) : bytes_.data();

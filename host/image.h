@@ -34,6 +34,12 @@ class ImagePyramid {
   float high() const { return high_; }
   size_t memory() const { return bytes_.bytes() + floats_.bytes(); }
 
+  // Bytes that a pyramid will keep, and those that it takes beside them while it is made.
+  struct Needs {
+    u64 kept, passing;
+  };
+  static Needs needs(const ImageInput& input);
+
  private:
   template <class Sample>
   void read(const ImageInput& input, const Sample* data);

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "../core/special.h"
+#include "memory.h"
 
 namespace parhelion {
 namespace {
@@ -131,8 +132,12 @@ class Builder {
     std::vector<Job> jobs;
     expand(all, 0, tree.nodes, jobs);
     std::vector<std::vector<LightNode>> parts(jobs.size());
+    MemoryGuard guard;
 #pragma omp parallel for schedule(dynamic, 1)
-    for (size_t i = 0; i < jobs.size(); ++i) subtree(jobs[i].part, jobs[i].depth, parts[i]);
+    for (size_t i = 0; i < jobs.size(); ++i) {
+      guard.run([&] { subtree(jobs[i].part, jobs[i].depth, parts[i]); });
+    }
+    guard.check();
     join(tree, jobs, parts);
   }
 
@@ -445,6 +450,12 @@ class Builder {
 };
 
 }  // namespace
+
+LightTreeNeeds light_tree_needs(size_t lights) {
+  const size_t nodes = static_cast<size_t>(static_cast<double>(lights) / kUsualNode * 1.4) + 1;
+  return {nodes * (sizeof(LightNode) + sizeof(u32)) + lights * sizeof(u32),
+          nodes * sizeof(LightNode)};
+}
 
 LightTree build_light_tree(std::vector<LightLeaf> leaves) {
   LightTree tree;

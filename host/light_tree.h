@@ -1,5 +1,6 @@
 // Building the tree of lights that core/light_tree.h descends.
 #pragma once
+#include <cstddef>
 #include <vector>
 
 #include "../core/light_tree.h"
@@ -31,5 +32,12 @@ struct LightTree {
 // Leaf i is light i; up to 2^31 of them. The leaves are taken over and reordered. The tree does not
 // depend on the number of threads.
 LightTree build_light_tree(std::vector<LightLeaf> leaves);
+
+// Bytes that the tree of so many lights keeps, about, and those that it takes beside them and the
+// leaves while it is made.
+struct LightTreeNeeds {
+  u64 kept, passing;
+};
+LightTreeNeeds light_tree_needs(std::size_t lights);
 
 }  // namespace parhelion

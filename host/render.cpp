@@ -12,13 +12,15 @@
 
 namespace parhelion {
 
-Film::Film(u32 x0, u32 y0, u32 w, u32 h, bool with_features)
+Film::Film(u32 x0, u32 y0, u32 w, u32 h, bool with_features, bool with_errors, u32 first_sample)
     : x(x0),
       y(y0),
       width(w),
       height(h),
+      first(first_sample),
       pixels(static_cast<size_t>(w) * h, FilmPixel{}),
-      features(with_features ? static_cast<size_t>(w) * h : 0, FeaturePixel{}) {}
+      features(with_features ? pixels.size() : 0, FeaturePixel{}),
+      prefixes(with_errors ? pixels.size() : 0, Prefix{}) {}
 
 void Film::means(float* rgb) const {
   for (const FilmPixel& p : pixels) {
@@ -96,10 +98,40 @@ struct Pass {
   }
 };
 
+// A run of a row's pixels that have as many samples and shall have as many.
+struct Run {
+  u32 x0, x1, count, target;
+};
+
+Run run_at(const Film& film, std::span<const u32> targets, u32 x, u32 end, u32 y) {
+  const FilmPixel* row = &film.pixels[static_cast<size_t>(y) * film.width];
+  const bool by_pixel = targets.size() == film.pixels.size();
+  const u32 side = by_pixel ? 1 : kBlock, across = by_pixel ? film.width : film.blocks_across();
+  const u32* target = &targets[static_cast<size_t>(y / side) * across];
+  Run run = {x, x + 1, row[x].count, target[x / side]};
+  while (run.x1 < end && row[run.x1].count == run.count && target[run.x1 / side] == run.target) {
+    ++run.x1;
+  }
+  return run;
+}
+
+// Keeps the means of the samples so far, if these are a power of two.
+void keep_prefix(Film& film, const Run& run, u32 y, u32 count) {
+  if (film.prefixes.empty() || !std::has_single_bit(count)) return;
+  for (u32 x = run.x0; x < run.x1; ++x) {
+    const size_t at = static_cast<size_t>(y) * film.width + x;
+    Prefix& prefix = film.prefixes[at];
+    for (u32 k = 0; k < 3; ++k) {
+      prefix.half[k] = prefix.whole[k];
+      prefix.whole[k] = baseline::mean(film.pixels[at].rgb[k], count);
+    }
+  }
+}
+
 }  // namespace
 
 PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderView& view,
-                       Film& film, u32 first, u32 last, const RenderOptions& options,
+                       Film& film, std::span<const u32> targets, const RenderOptions& options,
                        const Tick& tick) {
   const u32 edge = options.tile;
   const u32 across = (film.width + edge - 1) / edge, down = (film.height + edge - 1) / edge;
@@ -121,20 +153,27 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderV
       const u32 x0 = static_cast<u32>(tile % across) * edge;
       const u32 y0 = static_cast<u32>(tile / across) * edge;
       const u32 x1 = std::min(x0 + edge, film.width), y1 = std::min(y0 + edge, film.height);
-      const u32 stride = std::max(1u, kSamplesPerStep / (x1 - x0));
       PathStats stats = {0};
       u64 done = 0;
       for (u32 y = y0; y < y1; ++y) {
-        const size_t place = static_cast<size_t>(y) * film.width + x0;
-        FilmPixel* row = &film.pixels[place];
-        FeaturePixel* features = film.features.empty() ? nullptr : &film.features[place];
-        for (u64 from = first; from < last; from += stride) {
-          if (pass.stop.load(std::memory_order_relaxed)) break;
-          const u32 to = static_cast<u32>(std::min<u64>(last, from + stride));
-          kernels.render_row(scene_view, view, film.y + y, film.x + x0, film.x + x1,
-                             static_cast<u32>(from), to, row, features, stats);
-          done += static_cast<u64>(x1 - x0) * (to - from);
-          if (first_thread) pass.maybe_tick(done, stats.rays);
+        for (u32 x = x0; x < x1;) {
+          const Run run = run_at(film, targets, x, x1, y);
+          x = run.x1;
+          const u32 width = run.x1 - run.x0, stride = std::max(1u, kSamplesPerStep / width);
+          const size_t place = static_cast<size_t>(y) * film.width + run.x0;
+          FeaturePixel* features = film.features.empty() ? nullptr : &film.features[place];
+          for (u32 from = run.count; from < run.target;) {
+            if (pass.stop.load(std::memory_order_relaxed)) break;
+            u32 to = from + std::min(stride, run.target - from);
+            if (!film.prefixes.empty()) to = std::min(to, std::bit_ceil(from + 1));
+            kernels.render_row(scene_view, view, film.y + y, film.x + run.x0, film.x + run.x1,
+                               film.first + from, film.first + to, &film.pixels[place], features,
+                               stats);
+            keep_prefix(film, run, y, to);
+            done += u64{width} * (to - from);
+            from = to;
+            if (first_thread) pass.maybe_tick(done, stats.rays);
+          }
         }
       }
       pass.samples.fetch_add(done, std::memory_order_relaxed);

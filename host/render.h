@@ -13,13 +13,34 @@ namespace parhelion {
 // Pairs of id and coverage that a pixel keeps of a Cryptomatte, the specification's suggestion.
 inline constexpr size_t kMatteRanks = 6;
 
-// The sums of a rectangle of the picture. x, y: its top left pixel within the whole picture.
+// Blocks of so many pixels a side, from the film's top left one, are what targets are set for and
+// errors told of.
+inline constexpr u32 kBlock = 8;
+
+// Means of a pixel's first samples: of the largest power of two of them that are there, and of half
+// as many. What differs between them and the rest tells how far the mean is from the truth.
+struct Prefix {
+  float half[3], whole[3];
+};
+
+// The sums of a rectangle of the picture. x, y: its top left pixel within the whole picture. first:
+// the number of each pixel's first sample.
 struct Film {
-  u32 x, y, width, height;
+  u32 x, y, width, height, first;
   std::vector<FilmPixel> pixels;
   std::vector<FeaturePixel> features;  // as many, or none
+  std::vector<Prefix> prefixes;        // as many, or none, and no errors can be told then
 
-  Film(u32 x, u32 y, u32 width, u32 height, bool with_features);
+  Film(u32 x, u32 y, u32 width, u32 height, bool with_features = false, bool with_errors = false,
+       u32 first = 0);
+  u32 blocks_across() const { return (width + kBlock - 1) / kBlock; }
+  u32 blocks_down() const { return (height + kBlock - 1) / kBlock; }
+  // For each block, row by row, the mean over its pixels of the squared standard error of a pixel
+  // relative to its brightness; infinite where a pixel has fewer than two samples. See error.cpp.
+  void errors(double* mean_squares) const;
+  // For each pixel the estimated variance of its mean, itself the mean over the three channels;
+  // infinite with fewer than two samples. It rests on three numbers: only sums over many say much.
+  void variances(float* of_pixels) const;
   // Means, (height, width, 3). A pixel without samples is black.
   void means(float* rgb) const;
   // Cryptomatte's ranks, (height, width, kMatteRanks, 2): ids[index], as the bits of a float, and
@@ -45,9 +66,11 @@ struct PassResult {
 // Called now and then by the calling thread with what the pass has done so far; true stops it.
 using Tick = std::function<bool(u64 samples, u64 rays)>;
 
-// Adds samples [first, last) of every pixel of the film.
+// Brings every pixel up to the number of samples that its target says. Those that it has stay: a
+// pass that was stopped goes on if it is asked for again. targets: one a block or one a pixel, row
+// by row.
 PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderView& view,
-                       Film& film, u32 first, u32 last, const RenderOptions& options,
+                       Film& film, std::span<const u32> targets, const RenderOptions& options,
                        const Tick& tick);
 
 // Lets go of OpenMP's threads, which do not survive a fork.

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <limits>
 
 #include "check.h"
@@ -191,16 +192,22 @@ struct Scene::PlannedTree {
 
   PlannedTree(Leaves&& primitives, size_t count)
       : leaves(std::move(primitives)), builder(count, leaves) {}
+
+  u64 bytes() const {
+    return builder.plan_bytes() + leaves.instance_boxes.capacity() * sizeof(Aabb);
+  }
 };
 
 Scene::~Scene() = default;
 
-Scene::Scene(SceneInput input)
-    : bindings_(std::move(input.bindings)), textures_(std::move(input.textures)) {
+Scene::Scene(SceneInput input, u64 memory_limit)
+    : memory_plan_(memory_limit),
+      bindings_(std::move(input.bindings)),
+      textures_(std::move(input.textures)) {
   if (input.groups.empty()) input.groups.emplace_back();
+  expect_input(input);
   for (const ImageInput& image : input.images) pyramids_.emplace_back(image);
-  for (const ImagePyramid& p : pyramids_) images_.push_back(p.view());
-  view_.textures.images = images_.data();
+  own_images_ = pyramids_.size();
   view_.textures.records = textures_.data();
   view_.textures.bindings = bindings_.data();
 
@@ -251,7 +258,102 @@ Scene::Scene(SceneInput input)
   view_.material_of = material_of_.empty() ? nullptr : material_of_.data();
   view_.color_of = color_of_.empty() ? nullptr : color_of_.data();
   make_materials();
-  make_lights(std::move(input.lights), built);
+  expect_lights(input.lights, built);
+  find_all_emitters(built);
+  make_lights(std::move(input.lights));
+}
+
+void Scene::set_materials(std::vector<MaterialRecord> materials) {
+  if (materials.size() != materials_.size()) {
+    throw SceneError("as many materials as the scene has are needed");
+  }
+  bool other_light = false;
+  for (size_t i = 0; i < materials.size(); ++i) {
+    const MaterialRecord &now = materials_[i], &then = materials[i];
+    if (now.block.kind != then.block.kind) throw SceneError("a material keeps its type");
+    if (shines(then) && !shines(now)) {
+      throw SceneError("a material that does not shine cannot begin to");
+    }
+    const bool emissive = static_cast<MaterialKind>(now.block.kind) == MaterialKind::emissive;
+    other_light = other_light || now.emission.x != then.emission.x ||
+                  now.emission.y != then.emission.y || now.emission.z != then.emission.z ||
+                  (emissive && std::memcmp(&now.block, &then.block, sizeof now.block) != 0);
+  }
+  materials_ = std::move(materials);
+  make_materials();
+  if (other_light) weigh_lights();
+}
+
+void Scene::set_lights(std::vector<LightInput> lights) {
+  if (lights.size() != lights_.size()) {
+    throw SceneError("as many lights as the scene has are needed");
+  }
+  make_lights(std::move(lights));
+}
+
+// What is known of the memory before any is taken: of the tree, what it takes with full leaves.
+void Scene::expect_input(const SceneInput& input) {
+  u64 kept = 0, passing = 0;
+  for (const ImageInput& image : input.images) {
+    const ImagePyramid::Needs n = ImagePyramid::needs(image);
+    kept += n.kept;
+    passing = std::max(passing, n.passing);
+  }
+  memory_plan_.expect(MemoryPlan::images, kept, passing);
+
+  u64 primitives = 0, instances = 0, meshes = 0, blocks = 0;
+  bool many_materials = false, colored = false;
+  for (const GroupInput& group : input.groups) {
+    for (const ShapeInput& s : group) {
+      primitives += s.count;
+      many_materials = many_materials || s.material_of;
+      colored = colored || s.colors;
+      if (s.kind == ShapeKind::instance) instances += s.count;
+#define SHAPE(name, Type) \
+  if (s.kind == ShapeKind::name) blocks += (s.count + 15) / 16 * sizeof(Type##Block);
+#include "../core/shapes.def"
+#undef SHAPE
+      if (!s.faces) continue;
+      const u64 own = (s.normals ? sizeof(Vec3) : 0) + (s.uvs ? sizeof(Vec2) : 0) +
+                      (s.tangents ? sizeof(Tangent) : 0);
+      meshes += s.count * 3 * sizeof(u32) + s.vertex_count * own;
+      for (const AttributeInput& a : s.attributes) meshes += a.rows * a.components * sizeof(float);
+    }
+  }
+  meshes += primitives * ((many_materials ? sizeof(u32) : 0) + (colored ? sizeof(Vec3) : 0));
+  memory_plan_.expect(MemoryPlan::shapes, meshes, 0);
+  memory_plan_.expect(MemoryPlan::instances, instances * sizeof(Instance), 0);
+  instances_.reserve(instances);
+  memory_plan_.expect(MemoryPlan::tree, blocks + primitives / 256 * sizeof(Node),
+                      TreeBuilder<Leaves>::plan_bytes(primitives) + instances * sizeof(Aabb));
+  memory_plan_.check();
+}
+
+// When the emissive primitives are counted.
+void Scene::expect_lights(const std::vector<LightInput>& lights,
+                          const std::vector<BuiltGroup>& built) {
+  u64 listed = 0, emitters = built.back().emitters.size();
+  for (const BuiltGroup& group : built) listed += group.emitters.size();
+  for (const Instance& instance : instances_) emitters += built[instance.group].emitters.size();
+  u64 kept = emitters * sizeof(Slot), passing = listed * sizeof(Slot);
+  for (const LightInput& l : lights) {
+    u64 texels = 0;
+    const LightKind kind = static_cast<LightKind>(l.record.block.kind);
+    if (kind == LightKind::sky) {
+      texels = u64{kSkyWidth} * kSkyHeight;
+      kept += 3 * texels * sizeof(float);
+    } else if (kind == LightKind::envmap) {
+      const ImageView image = pyramids_[l.record.image].view();
+      texels = u64{image.width} * image.height;
+    }
+    kept += DistributionTable::bytes(texels);
+    passing += texels * sizeof(double);
+  }
+  const u64 leaves = emitters + lights.size();
+  const LightTreeNeeds tree = light_tree_needs(leaves);
+  memory_plan_.expect(MemoryPlan::lights, kept + tree.kept,
+                      passing + leaves * sizeof(LightLeaf) + tree.passing);
+  memory_plan_.check();
 }
 
 // A copy's extent may be smaller than the scene's by this; lengths in its frame are squared.
@@ -289,6 +391,7 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
 
   // Records, and the emitters' places in the group's list.
   Leaves leaves{shapes, group.scale, next_id, {}, {}, {}, static_cast<u32>(instances_.size())};
+  if (own) leaves.instance_boxes.reserve(instances_.capacity());
   u32 emitters = 0;
   for (const ShapeInput& s : shapes) {
     leaves.first.push_back(next_id - leaves.first_id);
@@ -343,7 +446,12 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
   }
   group.emitters.assign(emitters, kNoSlot);
   group.tree = std::make_unique<PlannedTree>(std::move(leaves), count);
-  const size_t lost = group.tree->builder.plan();
+  u64 planned = TreeBuilder<Leaves>::plan_bytes(count);
+  for (const BuiltGroup& b : built) planned += b.tree->bytes();
+  const size_t lost = group.tree->builder.plan([&](u64 copied) {
+    memory_plan_.expect(MemoryPlan::planning, 0, planned + copied);
+    memory_plan_.check();
+  });
   // A cylinder whose ends are one point beside the scene's extent has no direction.
   if (lost < count) {
     const Leaves& l = group.tree->leaves;
@@ -368,6 +476,13 @@ void Scene::write_groups(std::vector<BuiltGroup>& built) {
   if (nodes > kLeafBit || *std::max_element(blocks.begin(), blocks.end()) > kLeafIndexMask) {
     throw SceneError("the scene has too many primitives for its tree");
   }
+  u64 kept = nodes * sizeof(Node), planned = 0;
+#define SHAPE(name, Type) kept += blocks[static_cast<u32>(ShapeKind::name)] * sizeof(Type##Block);
+#include "../core/shapes.def"
+#undef SHAPE
+  for (const BuiltGroup& group : built) planned += group.tree->bytes();
+  memory_plan_.expect(MemoryPlan::tree, kept, planned);
+  memory_plan_.check();
   nodes_ = Array<Node>(nodes);
 #define SHAPE(name, Type) name##s_ = Array<Type##Block>(blocks[static_cast<u32>(ShapeKind::name)]);
 #include "../core/shapes.def"
@@ -476,6 +591,7 @@ static bool has_inside(const MaterialRecord& m) {
 
 void Scene::make_materials() {
   const float per_unit = static_cast<float>(1.0 / scale_);
+  has_bodies_ = view_.has_holes = false;
   for (u32 i = 0; i < materials_.size(); ++i) {
     MaterialRecord& m = materials_[i];
     m.absorption = {m.absorption.x * per_unit, m.absorption.y * per_unit,
@@ -495,8 +611,11 @@ void Scene::make_materials() {
   view_.materials = materials_.data();
 }
 
-void Scene::make_lights(std::vector<LightInput> inputs, const std::vector<BuiltGroup>& built) {
-  // Emissive primitives: the scene's own, then each instance's.
+// Emissive primitives: the scene's own, then each instance's.
+void Scene::find_all_emitters(const std::vector<BuiltGroup>& built) {
+  size_t emitters = built.back().emitters.size();
+  for (const Instance& instance : instances_) emitters += built[instance.group].emitters.size();
+  emitters_.reserve(emitters);
   emitters_ = built.back().emitters;
   for (size_t i = 0; i < instances_.size(); ++i) {
     Instance& instance = instances_[i];
@@ -508,7 +627,15 @@ void Scene::make_lights(std::vector<LightInput> inputs, const std::vector<BuiltG
   }
   view_.emitters = emitters_.data();
   view_.emitter_count = static_cast<u32>(emitters_.size());
+}
 
+void Scene::make_lights(std::vector<LightInput> inputs) {
+  lights_.clear();
+  light_names_.clear();
+  pyramids_.erase(pyramids_.begin() + static_cast<std::ptrdiff_t>(own_images_), pyramids_.end());
+  distributions_.clear();
+  distribution_views_.clear();
+  view_.outside_first = view_.smooth_first = 0;
   // Those that lie in the scene before those from outside, and those before the ones not asked for.
   const auto place = [](const LightInput& l) {
     return baseline::is_outside(l.record) ? baseline::is_smooth(l.record) ? 2 : 1 : 0;
@@ -522,6 +649,7 @@ void Scene::make_lights(std::vector<LightInput> inputs, const std::vector<BuiltG
     r.position = {r.position.x * k, r.position.y * k, r.position.z * k};
     tabulate(r);
     lights_.push_back(r);
+    light_names_.push_back(l.name);
     if (place(l) == 0) ++view_.outside_first;
     if (place(l) <= 1) ++view_.smooth_first;
   }
@@ -532,7 +660,11 @@ void Scene::make_lights(std::vector<LightInput> inputs, const std::vector<BuiltG
   view_.lights = lights_.data();
   view_.light_count = static_cast<u32>(lights_.size());
   view_.tables = {images_.data(), distribution_views_.data()};
+  weigh_lights();
+}
 
+// The tree of lights, and how many samples go to those outside.
+void Scene::weigh_lights() {
   std::vector<LightLeaf> leaves(emitters_.size() + view_.outside_first);
 #pragma omp parallel for if (emitters_.size() > kFewElements)
   for (size_t i = 0; i < emitters_.size(); ++i) leaves[i] = leaf_of(emitters_[i]);
@@ -550,7 +682,7 @@ void Scene::make_lights(std::vector<LightInput> inputs, const std::vector<BuiltG
 // The median distance of the scene's primitives and instances, of many some, from a point: of what
 // a picture shows, most is about so far away, however large the ground may be.
 double Scene::usual_distance(Vec3 from) const {
-  constexpr u32 kSome = 256;  // blocks
+  constexpr u32 kSome = 256;  // blocks, or sixteen instances each
   std::vector<double> distances;
   const auto add = [&](Vec3 at) {
     distances.push_back(std::hypot(static_cast<double>(at.x - from.x),
@@ -558,7 +690,11 @@ double Scene::usual_distance(Vec3 from) const {
                                    static_cast<double>(at.z - from.z)));
   };
   const Group& own = groups_.back();
-  const u32 step = std::max(static_cast<u32>(block_count() / kSome), 1u);
+  u32 blocks = (own.last_instance - own.first_instance) / 16;
+#define SHAPE(name, Type) blocks += own.last_##name - own.first_##name;
+#include "../core/shapes.def"
+#undef SHAPE
+  const u32 step = std::max(blocks / kSome, 1u);
 #define SHAPE(name, Type)                                                        \
   for (u32 b = own.first_##name; b < own.last_##name; b += step) {               \
     for (u32 lane = 0; lane < 16; ++lane) {                                      \

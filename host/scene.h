@@ -9,6 +9,7 @@
 #include "distribution.h"
 #include "image.h"
 #include "light_tree.h"
+#include "memory.h"
 
 namespace parhelion {
 
@@ -89,11 +90,19 @@ struct SceneInput {
 
 class Scene {
  public:
-  // Throws SceneError, naming shape and element, for a number that has no meaning.
-  explicit Scene(SceneInput input);
+  // Throws SceneError, naming shape and element, for a number that has no meaning, and
+  // ResourceError for what would take more bytes than memory_limit beside the input.
+  explicit Scene(SceneInput input, u64 memory_limit = ~u64{0});
   ~Scene();
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
+
+  // Other numbers for all materials, or lights, of the same kinds, with the same textures and
+  // images, in the same order; the trees of shapes stay. Not while a picture is made of the scene.
+  // Throws SceneError, and changes nothing, if a material would begin to shine: which primitives do
+  // is found when their trees are built.
+  void set_materials(std::vector<MaterialRecord> materials);
+  void set_lights(std::vector<LightInput> lights);
 
   const SceneView& view() const { return view_; }
   // Normalised units per user's unit: a power of two.
@@ -106,8 +115,12 @@ class Scene {
   size_t block_count() const;
   // Lights that are asked for: emissive primitives, and those that are no shapes.
   size_t light_count() const { return light_count_; }
+  // What the user calls view().lights.
+  const std::vector<std::string>& light_names() const { return light_names_; }
   // Bytes held by the scene.
   size_t memory() const;
+  // The most that were held at a time while it was made, as it was expected.
+  size_t peak_memory() const { return memory_plan_.peak(); }
 
  private:
   // What is kept of a mesh for its surface.
@@ -130,17 +143,22 @@ class Scene {
   };
 
   void add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, u32& next_id, bool own);
+  void expect_input(const SceneInput& input);
+  void expect_lights(const std::vector<LightInput>& lights, const std::vector<BuiltGroup>& built);
   void write_groups(std::vector<BuiltGroup>& built);
   void find_emitters(BuiltGroup& group, const Group& place) const;
   void keep_mesh(const ShapeInput& shape, ShapeRecord& record);
   void make_materials();
-  void make_lights(std::vector<LightInput> lights, const std::vector<BuiltGroup>& built);
+  void find_all_emitters(const std::vector<BuiltGroup>& built);
+  void make_lights(std::vector<LightInput> lights);
+  void weigh_lights();
   void tabulate(LightRecord& record);
   LightLeaf leaf_of(const Slot& slot) const;
   void share_outside(const std::vector<LightLeaf>& leaves);
   double usual_distance(Vec3 from) const;
   bool shines(const MaterialRecord& m) const;
 
+  MemoryPlan memory_plan_;
   size_t primitive_count_ = 0;
   size_t count_of_[8] = {};
   size_t light_count_ = 0;
@@ -157,12 +175,14 @@ class Scene {
   std::vector<MaterialRecord> materials_;
   std::vector<TextureBinding> bindings_;
   std::vector<TextureRecord> textures_;
-  std::vector<ImagePyramid> pyramids_;
+  std::vector<ImagePyramid> pyramids_;  // the user's, then those of lights
+  size_t own_images_ = 0;
   std::vector<ImageView> images_;
   Array<u32> material_of_;
   Array<Vec3> color_of_;
   std::vector<Slot> emitters_;
   std::vector<LightRecord> lights_;
+  std::vector<std::string> light_names_;
   LightTree light_tree_;
   std::vector<DistributionTable> distributions_;
   std::vector<Distribution> distribution_views_;

@@ -16,13 +16,16 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from .builtin import weekend
+    from .comparison import Comparison, compare
     from .errors import FormatError, ParhelionError, ResourceError, SceneError
     from .image import Image
     from .io import LoadOptions, load
     from .io.frames import load_frames
     from .objects import frames_of, scene_of
     from .orbit import turntable
+    from .pixel import LightSample, PathVertex, PixelPath, trace_pixel
     from .progress import Progress
+    from .provenance import rerender
     from .renderer import Prepared, prepare, render
     from .saving import save
     from .scene import (
@@ -51,11 +54,14 @@ _HOMES = {
     "ParhelionError": "errors",
     "ResourceError": "errors",
     "SceneError": "errors",
+    "Comparison": "comparison",
+    "compare": "comparison",
     "Image": "image",
     "LoadOptions": "io",
     "load": "io",
     "load_frames": "io.frames",
     "save": "saving",
+    "rerender": "provenance",
     "scene_of": "objects",
     "frames_of": "objects",
     "Prepared": "renderer",
@@ -80,6 +86,10 @@ _HOMES = {
     "Swatches": "scene",
     "save_sequence": "sequence",
     "conductor": "spectra",
+    "LightSample": "pixel",
+    "PathVertex": "pixel",
+    "PixelPath": "pixel",
+    "trace_pixel": "pixel",
     "turntable": "orbit",
     "weekend": "builtin",
 }
@@ -88,6 +98,7 @@ __all__ = [
     "Background",
     "Camera",
     "ColorBar",
+    "Comparison",
     "Curves",
     "Cylinders",
     "Disks",
@@ -96,10 +107,13 @@ __all__ = [
     "Image",
     "Instances",
     "Light",
+    "LightSample",
     "LoadOptions",
     "Material",
     "Mesh",
     "ParhelionError",
+    "PathVertex",
+    "PixelPath",
     "Prepared",
     "Progress",
     "ResourceError",
@@ -109,15 +123,18 @@ __all__ = [
     "Spheres",
     "Swatches",
     "Texture",
+    "compare",
     "conductor",
     "frames_of",
     "load",
     "load_frames",
     "prepare",
     "render",
+    "rerender",
     "save",
     "save_sequence",
     "scene_of",
+    "trace_pixel",
     "turntable",
     "weekend",
 ]

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import ResourceError
+
+if sys.platform != "win32":
+    import fcntl
+
+_PREFIX = ".parhelion-"
 
 
 @contextmanager
@@ -31,9 +37,7 @@ def taking_place(file: Path) -> Iterator[Path]:
         target = Path(os.path.realpath(file))
         special = is_special(target)
         folder = None if special else target.parent
-        handle, name = tempfile.mkstemp(suffix=file.suffix, prefix=".parhelion-", dir=folder)
-        os.close(handle)
-    temporary = Path(name)
+        handle, temporary = _held(file.suffix, folder)
     try:
         yield temporary
         with _refusals(file):
@@ -47,6 +51,38 @@ def taking_place(file: Path) -> Iterator[Path]:
                 _sync(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # nothing was written through it
+            os.close(handle)
+
+
+def clear(folder: Path) -> None:
+    """Removes temporary files that processes left in a folder when they were killed.
+
+    A file that is being written is locked by its process, whose end ends the lock; where files
+    cannot be locked, none is removed.
+    """
+    if sys.platform == "win32":
+        return
+    for file in folder.glob(f"{_PREFIX}*"):
+        with suppress(OSError):  # another process's, who may do as it likes
+            handle = os.open(file, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                file.unlink()
+            finally:
+                os.close(handle)
+
+
+def _held(suffix: str, folder: Path | None) -> tuple[int, Path]:
+    """An open, locked temporary file and its path."""
+    while True:
+        handle, name = tempfile.mkstemp(suffix=suffix, prefix=_PREFIX, dir=folder)
+        if sys.platform != "win32":
+            with suppress(OSError):  # this file system knows no locks
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if os.fstat(handle).st_nlink or sys.platform == "win32":
+            return handle, Path(name)
+        os.close(handle)  # clear() of another process came in between
 
 
 @contextmanager

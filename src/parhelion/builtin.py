@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .scene import Background, Camera, Material, Scene, Settings, Spheres
+from .scene import Background, Camera, Material, Scene, Settings, Source, Spheres
 
 
 def _uniform(count: int, columns: int, seed: int) -> np.ndarray:
@@ -62,4 +62,12 @@ def weekend(seed: int = 1) -> Scene:
         focus_distance=10.0,
     )
     sky = Background("gradient", horizon=(1.0, 1.0, 1.0), zenith=(0.5, 0.7, 1.0))
-    return Scene(shapes, materials, camera, sky, Settings(), name="weekend")
+    return Scene(
+        shapes,
+        materials,
+        camera,
+        sky,
+        Settings(),
+        name="weekend",
+        source=Source(None, {"seed": seed}),
+    )

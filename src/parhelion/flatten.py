@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from . import tables
 from .errors import SceneError, unknown_name
 from .machine import cores_available
+from .memory import require
 from .scene import (
     Curves,
     Cylinders,
@@ -192,6 +193,7 @@ class _Parts:
     _textures_made: dict[Texture, int] = field(default_factory=dict)
     _images_made: dict[tuple[Any, ...], int] = field(default_factory=dict)
     _image_jobs: list[Callable[[], dict[str, Any]]] = field(default_factory=list)
+    _encoded: list[Callable[[], int]] = field(default_factory=list)  # their sizes when read
     _groups_made: dict[int, int] = field(default_factory=dict)
     _kept: list[Any] = field(default_factory=list)  # so that no id() is given twice
 
@@ -473,13 +475,16 @@ class _Parts:
         if color_space not in ("auto", "srgb", "linear"):
             choices = ("auto", "srgb", "linear")
             raise SceneError(f"{where}: {unknown_name('color_space', color_space, choices)}")
-        from .image import is_encoded, read_pixels
+        from .image import is_encoded, picture_bytes, read_pixels
 
         path = isinstance(image, (str, os.PathLike))
         key = (os.fspath(image) if path else id(image), color_space, data, mip, radiance)
         if key not in self._images_made:
             self._kept.append(image)
             name = str(image) if path else getattr(image, "name", "image")
+
+            if is_encoded(image):
+                self._encoded.append(lambda: picture_bytes(image, where))
 
             def record() -> dict[str, Any]:
                 pixels = read_pixels(image, where) if is_encoded(image) else np.asarray(image)
@@ -498,10 +503,14 @@ class _Parts:
     def read_images(self) -> list[dict[str, Any]]:
         """The records of all images, read by as many threads as may run at once.
 
-        Raises what the first of those that cannot be read raises.
+        Raises what the first of those that cannot be read raises, and ResourceError for more than
+        memory can hold.
         """
         if not self._image_jobs:
             return []
+        count, size = len(self._encoded), sum(size() for size in self._encoded)
+        what = f"{count} image{'s' * (count != 1)}"
+        require(size, what, "images of fewer pixels take less")
         with ThreadPoolExecutor(cores_available()) as pool:
             return list(pool.map(lambda job: job(), self._image_jobs))
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import tempfile
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -16,8 +18,9 @@ import numpy as np
 
 from . import cryptomatte
 from .atomic import is_special, replacing
+from .display import Display, WhiteBalance
 from .errors import FormatError, ResourceError, SceneError, option, unknown_name
-from .scene import Camera, ColorBar, Settings, Swatches
+from .scene import Camera, ColorBar, Settings, Source, Swatches
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,6 +29,11 @@ if TYPE_CHECKING:
 
 # ending -> bits a channel that it can hold, its default first
 WRITABLE = {".png": (8, 16), ".jpg": (8,), ".jpeg": (8,), ".exr": (32, 16)}
+
+# Of .exr, the default first
+COMPRESSIONS = ("zip", "zips", "piz", "rle", "none", "b44", "b44a", "pxr24", "dwaa", "dwab")
+# Those that change numbers of 32 bits, and so indices and the ids of Cryptomattes
+_CHANGING = ("pxr24", "dwaa", "dwab")
 
 _LETTERS = {
     "depth": "Z",
@@ -37,7 +45,11 @@ _LETTERS = {
     "emission": "RGB",
     "direct": "RGB",
     "indirect": "RGB",
+    "noisy": "RGB",
     "coverage": "A",
+    "error": "V",
+    "samples": "V",
+    "variance": "V",
     "shape": "V",
     "material": "V",
 }
@@ -46,7 +58,13 @@ _LETTERS = {
 CHANNELS = {name: tuple(f"{name}.{c}" for c in letters) for name, letters in _LETTERS.items()} | {
     layer: cryptomatte.channels(layer) for layer in cryptomatte.LAYERS
 }
-PRECISE = {"depth", "position", "uv", "shape", "material", *cryptomatte.LAYERS}
+PRECISE = {
+    *("depth", "position", "uv", "samples", "variance", "shape", "material"),
+    *cryptomatte.LAYERS,
+}
+
+# Those whose numbers stand for names
+_IDS = {"shape", "material", *cryptomatte.LAYERS}
 
 # Bytes that any picture may unpack to, and how many times its file's size one may beyond that: a
 # header is a few bytes that can claim any size.
@@ -55,18 +73,19 @@ _RATIO = 20
 # How numbers are read that are not read as float, and their bytes
 _KINDS = {"uint8": ("uint8", 1), "uint16": ("uint16", 2)}
 
-# Stops by which a picture may be made brighter or darker: beyond, all would be white or black.
-_MOST_EXPOSURE = 32.0
-
 # Rows that the writer of EXR gets at a time: with features, a copy of a whole picture would be as
-# large as all else together.
+# large as all else together. Tiles are as high, and as wide.
 _ROWS = 64
 
 
 @dataclass(frozen=True)
 class RenderStats:
-    """seconds: of rendering, wall clock, without the tree's build. samples, rays: in all.
-    isa: instruction set. complete: False if it was stopped early. build_seconds: checks and tree.
+    """seconds: of rendering, wall clock, without the tree's build. samples, rays: in all; those
+    before a rendering was resumed included. isa: instruction set. ended: what ended it, "spp",
+    "noise", "time" or "stopped". error: how far pixels may be from what infinitely many samples
+    would show: root mean square over the picture, within 95 % confidence, as a share of a pixel's
+    brightness; None if it was not asked for, or samples are too few. build_seconds: checks and
+    tree.
     """
 
     seconds: float
@@ -74,8 +93,14 @@ class RenderStats:
     rays: int
     threads: int
     isa: str
-    complete: bool
+    ended: str
+    error: float | None
     build_seconds: float
+
+    @property
+    def complete(self) -> bool:
+        """False if it was stopped before what was asked for was reached."""
+        return self.ended != "stopped"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,13 +110,17 @@ class Image:
     features: what the first surfaces look like, if they were asked for: (H, W, 1 to 3) float32 by
     name, means over a pixel's samples: depth (distance from the camera), position, normal
     (geometric), shading_normal and uv, over those that hit something; albedo, emission, direct and
-    indirect (parts of the radiance), coverage (share that hit something). shape and material, (H,
-    W), are indices into flat.shape_names and flat.material_names of the first sample's, -1 for
-    none. CryptoObject and CryptoMaterial, (H, W, 6, 2), are Cryptomattes: of the six shapes, or
-    materials, that most samples of the pixel hit, the largest first, the id of the name and the
-    share of the samples; matte() looks a name up.
+    indirect (parts of the radiance), coverage (share that hit something); error, of blocks of 8 x 8
+    pixels (as RenderStats.error, or that of the 24 x 24 around), samples, as counts, and variance
+    of the pixel's mean, estimated, the mean of its channels, if noise, a time limit or a checkpoint
+    were asked for. shape and material, (H, W), are indices into flat.shape_names and
+    flat.material_names of the first sample's, -1 for none. CryptoObject and CryptoMaterial,
+    (H, W, 6, 2), are Cryptomattes: of the six shapes, or materials, that most samples of the pixel
+    hit, the largest first, the id of the name and the share of the samples; matte() looks a name
+    up. noisy, of a picture that is denoised(), is what was rendered.
 
-    legend: what the scene's colours stand for, if they stand for something.
+    legend: what the scene's colours stand for, if they stand for something. source: where the scene
+    came from, None for one that was made in Python. notes: what metadata() tells besides.
 
     NumPy takes it for its pixels; a notebook shows it.
     """
@@ -104,6 +133,8 @@ class Image:
     flat: Flat
     features: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     legend: ColorBar | Swatches | None = None
+    source: Source | None = None
+    notes: Mapping[str, str] = field(default_factory=dict)
 
     def numpy(self) -> NDArray[np.float32]:
         """The linear pixels, (H, W, 3) float32."""
@@ -117,25 +148,55 @@ class Image:
     def __repr__(self) -> str:
         height, width = self.pixels.shape[:2]
         done = "" if self.stats.complete else ", stopped early"
-        return f"<Image {width}x{height}, {self.settings.spp} spp{done}>"
+        return f"<Image {width}x{height}, {self.told_spp()}{done}>"
 
-    def srgb(self, bits: int = 8, legend: bool = False, exposure: float = 0.0) -> NDArray[Any]:
-        """The picture as screens want it: sRGB, (H, W, 3) uint8 or uint16, cut at white.
+    def told_spp(self) -> str:
+        """The samples per pixel that there are: "64 spp", or "16 to 384 spp, 142.4 on average"."""
+        least, most = int(self.counts.min()), int(self.counts.max())
+        if least == most:
+            return f"{most} spp"
+        return f"{least} to {most} spp, {self.counts.mean():.1f} on average"
+
+    def srgb(
+        self,
+        bits: int = 8,
+        legend: bool = False,
+        exposure: float = 0.0,
+        *,
+        view_transform: str = "srgb",
+        white_balance: WhiteBalance | None = None,
+    ) -> NDArray[Any]:
+        """The picture as screens want it: sRGB, (H, W, 3) uint8 or uint16.
 
         legend: with what the colours stand for at its right side; raises SceneError if they stand
-        for nothing. exposure: stops; light is multiplied by 2^exposure before it is encoded.
+        for nothing. exposure: stops; light is multiplied by 2^exposure. view_transform: how light
+        becomes colours of a screen, "srgb", which cuts at white, "agx", "aces" or "aces-1.3".
+        white_balance: what shall be white, kelvin or CIE (x, y). See display.Display.
         """
-        pixels, stops = self.pixels, checked_exposure(exposure)
-        if stops:
-            with np.errstate(over="ignore"):  # infinite is white as well
-                pixels = pixels * np.float32(2.0**stops)
-        stored = srgb_stored(pixels, bits)
+        shown = Display(view_transform, exposure, white_balance)
+        stored = shown.encode(self.pixels, bits)
         if not legend:
             return stored
         from .legend import panel
 
         beside = panel(checked_legend(self.legend), len(stored)).astype(stored.dtype)
         return np.concatenate([stored, beside * (1 if bits == 8 else 257)], axis=1)
+
+    def denoised(self, quality: str = "high", prefilter: bool = True) -> Image:
+        """The picture without its noise, by Open Image Denoise; noisy pixels are kept as a feature.
+
+        The features albedo, shading_normal and coverage, if it was rendered with them, keep edges
+        and textures sharp. quality: "high", "balanced" or "fast". prefilter: noise of the features
+        is taken out first. Pixels that are not finite are counted, told of, and taken for black.
+        Raises ResourceError without the extra `denoise`.
+        """
+        from . import denoise
+
+        noisy = self.features.get(denoise.NOISY, self.pixels)
+        albedo, normal = denoise.guides_of(self.features)
+        clean = denoise.told(noisy, "picture")
+        pixels = denoise.denoised(clean, albedo, normal, quality=quality, prefilter=prefilter)
+        return replace(self, pixels=pixels, features={**self.features, denoise.NOISY: noisy})
 
     def matte(
         self, *, shape: str | None = None, material: str | None = None
@@ -171,27 +232,40 @@ class Image:
 
     def metadata(self) -> dict[str, str]:
         """What is written into a file beside the pixels."""
-        from . import __version__
+        from . import __version__, _core
 
-        names: dict[str, str] = {}
-        if self.features:
-            names["parhelion:shapes"] = json.dumps(self.flat.shape_names)
-            names["parhelion:materials"] = json.dumps(self.flat.material_names)
+        more: dict[str, str] = {}
+        if "shape" in self.features:
+            more["parhelion:shapes"] = json.dumps(self.flat.shape_names)
+            more["parhelion:materials"] = json.dumps(self.flat.material_names)
+        if self.stats.error is not None:
+            more["parhelion:error"] = f"{self.stats.error:.6g}"
+        if self.counts.min() != self.counts.max():
+            more[COUNTS] = packed_counts(self.counts)
+        if self.source is not None:
+            more["parhelion:source"] = json.dumps(asdict(self.source), default=str)
+        if "noisy" in self.features:
+            from .denoise import version
+
+            more["parhelion:denoised"] = version()
         return {
             "Software": f"Parhelion {__version__}",
             "parhelion:version": __version__,
+            "parhelion:build": _core.sources,
             "parhelion:scene": self.flat.sha256(),
             "parhelion:seed": str(self.settings.seed),
             "parhelion:spp": str(self.settings.spp),
             "parhelion:samples": str(self.stats.samples),
             "parhelion:complete": str(self.stats.complete).lower(),
+            "parhelion:ended": self.stats.ended,
             "parhelion:settings": json.dumps(asdict(self.settings)),
             "parhelion:camera": json.dumps(asdict(self.camera), default=float),
             "parhelion:time": datetime.now(timezone.utc).isoformat(timespec="seconds"),
             "parhelion:seconds": f"{self.stats.seconds:.3f}",
             "parhelion:threads": str(self.stats.threads),
             "parhelion:isa": self.stats.isa,
-            **names,
+            **more,
+            **self.notes,
         }
 
     def save(
@@ -200,34 +274,49 @@ class Image:
         bits: int | None = None,
         legend: bool = False,
         exposure: float = 0.0,
+        *,
+        view_transform: str = "srgb",
+        white_balance: WhiteBalance | None = None,
+        compression: str | None = None,
+        tiled: bool = False,
     ) -> None:
         """Writes the picture; the ending of the name says how.
 
         .png (bits 8 or 16) and .jpg are sRGB; .exr is linear (bits 32 or 16) and holds the
         features, if there are any, as layers. A file that is there already stays whole until the
         new one is complete. legend: what the colours stand for is drawn at the right side of the
-        picture, which becomes wider. exposure: stops by which what is sRGB is made brighter; linear
-        values stay, and their file says in its metadata at which exposure they are to be seen.
+        picture, which becomes wider. exposure, view_transform, white_balance: as for srgb(); linear
+        values stay, and their file says in its metadata how they are to be seen.
+
+        compression: of .exr, one of COMPRESSIONS, "zip" unless given; those that are not exact are
+        refused where they would change the ids of features. tiled: .exr in tiles of 64x64 pixels,
+        not in rows.
 
         Raises SceneError for an unknown ending or number of bits, and a legend where there is none,
         ResourceError where the file cannot be written.
         """
         file = Path(path)
-        check_output(file, bits, legend=legend, exposure=exposure)
+        shown = Display(view_transform, exposure, white_balance)
         ending = file.suffix.lower()
+        ids = ending == ".exr" and not _IDS.isdisjoint(self.features)
+        check_output(file, bits, ids, legend, compression=compression, tiled=tiled)
         depth = bits or WRITABLE[ending][0]
         data: NDArray[Any]
         if ending == ".exr":
             data = _half(self.pixels) if depth == 16 else self.pixels
         else:
-            data = self.srgb(depth, legend, exposure)
+            data = self.srgb(
+                depth, legend, exposure, view_transform=view_transform, white_balance=white_balance
+            )
         layers = self.features if ending == ".exr" else {}
-        told = self.metadata() | {"parhelion:exposure": f"{checked_exposure(exposure):g}"}
+        told = self.metadata() | shown.metadata()
+        if legend:
+            told["parhelion:legend"] = "true"
         for layer, names in self._matte_names().items():
             if layer in layers:
                 told |= cryptomatte.attributes(layer, names)
         with replacing(file) as temporary:
-            temporary.write_bytes(encoded(data, told, ending, layers))
+            temporary.write_bytes(encoded(data, told, ending, layers, compression, tiled))
 
     def png_bytes(self) -> bytes:
         """The picture as the bytes of an 8-bit sRGB PNG file."""
@@ -235,6 +324,28 @@ class Image:
 
     def _repr_png_(self) -> bytes:
         return self.png_bytes()
+
+
+# The attribute of a file that holds packed_counts(), where pixels differ in them
+COUNTS = "parhelion:counts"
+
+
+def packed_counts(counts: NDArray[np.uint32]) -> str:
+    """Samples of each pixel as text."""
+    return base64.b64encode(zlib.compress(counts.astype("<u4").tobytes(), 9)).decode()
+
+
+def unpacked_counts(text: str, height: int, width: int) -> NDArray[np.uint32]:
+    """(height, width) of what packed_counts() made. Raises ValueError for other text."""
+    wanted = 4 * height * width
+    stream = zlib.decompressobj()
+    try:
+        data = stream.decompress(base64.b64decode(text, validate=True), wanted + 1)
+    except zlib.error as error:
+        raise ValueError(str(error)) from error
+    if len(data) != wanted:
+        raise ValueError("of another size")
+    return np.frombuffer(data, "<u4").reshape(height, width).astype(np.uint32)
 
 
 def checked_legend(legend: ColorBar | Swatches | None) -> ColorBar | Swatches:
@@ -247,47 +358,13 @@ def checked_legend(legend: ColorBar | Swatches | None) -> ColorBar | Swatches:
     return legend
 
 
-def checked_exposure(exposure: Any) -> float:
-    """A number of stops. Raises SceneError for anything else."""
-    try:
-        stops = float(exposure)
-    except (TypeError, ValueError, OverflowError):
-        stops = np.nan
-    if not abs(stops) <= _MOST_EXPOSURE:
-        raise SceneError(
-            f"{option('exposure')} is {exposure!r}; must be a number of stops,"
-            f" from {-_MOST_EXPOSURE:g} to {_MOST_EXPOSURE:g}"
-        )
-    return stops
-
-
-def srgb_stored(linear: NDArray[np.float32], bits: int = 8) -> NDArray[Any]:
-    """Linear light as sRGB in whole numbers, uint8 or uint16."""
-    scaled = srgb_encoded(linear) * np.float32(2**bits - 1) + np.float32(0.5)
-    stored: NDArray[Any] = scaled.astype(np.uint8 if bits == 8 else np.uint16)
-    return stored
-
-
-def srgb_encoded(linear: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Linear light to sRGB's encoding (IEC 61966-2-1), cut to [0, 1]; NaN becomes 0."""
-    x = np.nan_to_num(linear, nan=0.0)
-    np.clip(x, 0.0, 1.0, out=x)
-    straight = np.float32(12.92) * x
-    dark = x <= np.float32(0.0031308)
-    np.power(x, np.float32(1 / 2.4), out=x)
-    x *= np.float32(1.055)
-    x -= np.float32(0.055)
-    np.copyto(x, straight, where=dark)
-    return x
-
-
 def _half(data: NDArray[Any]) -> NDArray[np.float16]:
     """In 16 bits; what is brighter than their largest number would become infinite."""
     half: NDArray[np.float16] = np.minimum(data, np.finfo(np.float16).max).astype(np.float16)
     return half
 
 
-def _reason(geterror: Callable[[], str]) -> str:
+def reason_of(geterror: Callable[[], str]) -> str:
     """The first line of what OpenImageIO says, which may tell of one mistake many times over."""
     try:
         return str(geterror()).strip().partition("\n")[0]
@@ -313,10 +390,39 @@ def picture_shape(source: Encoded, where: str = "") -> tuple[int, int, int]:
     Raises what read_pixels would for a file that is no picture or too large a one.
     """
     with _file_of(source, where) as (path, start):
-        opened = _opened(path, start)
-        spec = opened.spec()
-        opened.close()
+        reader = opened(path, start)
+        spec = reader.spec()
+        reader.close()
         return int(spec.height), int(spec.width), len(_channels(spec))
+
+
+def picture_bytes(source: Encoded, where: str = "") -> int:
+    """How many bytes the array has that read_pixels returns, by the picture's header alone.
+
+    Raises what picture_shape() does.
+    """
+    with _file_of(source, where) as (path, start):
+        reader = opened(path, start)
+        spec = reader.spec()
+        reader.close()
+        size = _KINDS.get(str(spec.format), ("float", 4))[1]
+        return int(spec.height) * int(spec.width) * len(_channels(spec)) * size
+
+
+def picture_metadata(source: Encoded, where: str = "") -> dict[str, str]:
+    """What Image.metadata() was when a picture's file was written; empty for other programs' files.
+
+    Raises what read_pixels would for a file that is no picture or too large a one.
+    """
+    with _file_of(source, where) as (path, start):
+        reader = opened(path, start)
+        told = reader.spec().get_string_attribute("ImageDescription")
+        reader.close()
+    try:
+        found = json.loads(told)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,8 +466,8 @@ def _file_of(source: Encoded, where: str) -> Iterator[tuple[str, str]]:
         yield path, f"{where}: {path}" if where else path
 
 
-def _opened(path: str, where: str) -> Any:
-    """The library's reader of a picture."""
+def opened(path: str, where: str) -> Any:
+    """The library's reader of a picture. Raises FormatError; `where` begins its text."""
     import OpenImageIO as oiio
 
     start = f"{where}: " if where else ""
@@ -369,32 +475,40 @@ def _opened(path: str, where: str) -> Any:
     hints.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(path, hints)
     if source is None:
-        reason = _reason(oiio.geterror).replace(f'"{path}"', "it")  # asked for even if not told
+        reason = reason_of(oiio.geterror).replace(f'"{path}"', "it")  # asked for even if not told
         if not os.path.isfile(path):
             what = "is no file" if os.path.exists(path) else "no such file"
             raise FormatError(f"{start}{what}")
         raise FormatError(f"{start}cannot be read: {reason}")
     spec = source.spec()
-    width, height, stored = spec.width, spec.height, os.path.getsize(path)
-    unpacked = width * height * spec.nchannels * _KINDS.get(str(spec.format), ("float", 4))[1]
-    if unpacked > max(_ALWAYS, _RATIO * stored):
+    try:
+        check_unpacked(spec, os.path.getsize(path), start)
+    except FormatError:
         source.close()
-        raise FormatError(
-            f"{start}has {width} x {height} pixels, {unpacked:,} bytes, in a file of {stored:,};"
-            f" beyond {_ALWAYS >> 30} GiB at most {_RATIO} times the file are read"
-        )
+        raise
     return source
+
+
+def check_unpacked(spec: Any, stored: int, start: str) -> None:
+    """Raises FormatError for pixels that are more than a file of `stored` bytes can hold."""
+    unpacked = spec.width * spec.height * spec.nchannels
+    unpacked *= _KINDS.get(str(spec.format), ("float", 4))[1]
+    if unpacked > max(_ALWAYS, _RATIO * stored):
+        raise FormatError(
+            f"{start}has {spec.width} x {spec.height} pixels, {unpacked:,} bytes, in a file of"
+            f" {stored:,}; beyond {_ALWAYS >> 30} GiB at most {_RATIO} times the file are read"
+        )
 
 
 def _read_pixels(path: str, where: str) -> NDArray[Any]:
     start = f"{where}: " if where else ""
-    source = _opened(path, where)
+    source = opened(path, where)
     try:
         spec = source.spec()
         kind = _KINDS.get(str(spec.format), ("float", 4))[0]
         pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
         if pixels is None:
-            raise FormatError(f"{start}cannot be read: {_reason(source.geterror)}")
+            raise FormatError(f"{start}cannot be read: {reason_of(source.geterror)}")
     finally:
         source.close()
     chosen = _channels(spec)
@@ -418,6 +532,10 @@ def check_output(
     features: bool = False,
     legend: bool = False,
     exposure: float = 0.0,
+    view_transform: str = "srgb",
+    white_balance: WhiteBalance | None = None,
+    compression: str | None = None,
+    tiled: bool = False,
 ) -> None:
     """Raises what save() would for a name that cannot be written, before the work is done."""
     file = Path(path)
@@ -432,8 +550,25 @@ def check_output(
     if legend and ending == ".exr":
         choices = ", ".join(e for e in WRITABLE if e != ".exr")
         raise SceneError(f"{file}: {ending} cannot hold a legend (choices: {choices})")
-    checked_exposure(exposure)
+    if compression is not None:
+        _check_compression(file, compression, features)
+    if tiled and ending != ".exr":
+        raise SceneError(f"{file}: {ending} has no tiles (choices: .exr)")
+    Display(view_transform, exposure, white_balance)
     check_place(file)
+
+
+def _check_compression(file: Path, compression: str, features: bool) -> None:
+    """Raises SceneError for one that the file cannot have."""
+    if file.suffix.lower() != ".exr":
+        raise SceneError(f"{file}: {option('compression')} is for .exr")
+    if compression not in COMPRESSIONS:
+        raise SceneError(f"{file}: {unknown_name('compression', compression, COMPRESSIONS)}")
+    if features and compression in _CHANGING:
+        choices = ", ".join(c for c in COMPRESSIONS if c not in _CHANGING)
+        raise SceneError(
+            f"{file}: {compression} would change the ids of Cryptomattes (choices: {choices})"
+        )
 
 
 def check_place(file: Path) -> None:
@@ -459,11 +594,13 @@ def encoded(
     metadata: dict[str, str],
     ending: str,
     layers: Mapping[str, NDArray[Any]] | None = None,
+    compression: str | None = None,
+    tiled: bool = False,
 ) -> bytes:
     """Pixels, (H, W, channels), as the bytes of a file with that ending.
 
     layers: features by name, for .exr, in as many bits as the pixels or, where that would tell too
-    little, in 32.
+    little, in 32. compression, tiled: of .exr.
 
     The library writes into memory, for where there is no room some of its writers report success
     and one ends the process.
@@ -490,28 +627,61 @@ def encoded(
         spec.channelformats = tuple(oiio.TypeDesc(k) for k in kinds)
     for key, value in metadata.items():
         spec.attribute(key, value)
-    # JPEG keeps only what it knows, so everything is also told in the description
-    spec.attribute("ImageDescription", json.dumps(metadata))
+    # JPEG keeps only what it knows, so everything that it has room for is told in the description
+    described = metadata | ({COUNTS: ""} if COUNTS in metadata else {})
+    spec.attribute("ImageDescription", json.dumps(described))
     if ending == ".exr":
         spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
-        spec.attribute("compression", "zip")
+        lay_out(spec, compression, tiled)
     else:
         spec.attribute("oiio:ColorSpace", "sRGB")
+        spec.attribute("oiio:UnassociatedAlpha", 1)
         spec.attribute("CompressionQuality", 95)
         spec.attribute("png:compressionLevel", 3)  # a noisy picture: 0.6 of 6's time, no larger
+    if parts:
+
+        def write(output: Any) -> bool:
+            for row in range(0, height, _ROWS):
+                below = min(row + _ROWS, height)
+                rows = _stacked(data, parts, row)
+                done = (
+                    output.write_tiles(0, width, row, below, 0, 1, rows)
+                    if tiled
+                    else output.write_scanlines(row, below, 0, rows)
+                )
+                if not done:
+                    return False
+            return True
+
+    else:
+
+        def write(output: Any) -> bool:
+            return bool(output.write_image(np.ascontiguousarray(data)))
+
+    size = largest_file(data, metadata) + sum(2 * 4 * v.size for v in parts.values())
+    return file_bytes(spec, ending, size, write)
+
+
+def lay_out(spec: Any, compression: str | None, tiled: bool) -> None:
+    """How the library is to write an .exr file of this description."""
+    spec.attribute("compression", compression or COMPRESSIONS[0])
+    edge = _ROWS if tiled else 0
+    spec.tile_width, spec.tile_height, spec.tile_depth = edge, edge, int(tiled)
+
+
+def file_bytes(spec: Any, ending: str, size: int, write: Callable[[Any], bool]) -> bytes:
+    """The file that the library's writer of an ending makes, in memory.
+
+    write: is given the opened writer, and returns whether all went well. size: that the file will
+    not exceed. Raises ResourceError where the writer fails.
+    """
+    import OpenImageIO as oiio
+
     output = oiio.ImageOutput.create(f"image{ending}")
     if output is None:
         raise ResourceError(oiio.geterror() or f"no writer for {ending}")
-    size = largest_file(data, metadata) + sum(2 * 4 * v.size for v in parts.values())
     with _memory_file(size) as path:
-        ok = output.open(path, spec)
-        if ok and parts:
-            ok = all(
-                output.write_scanlines(row, min(row + _ROWS, height), 0, _stacked(data, parts, row))
-                for row in range(0, height, _ROWS)
-            )
-        elif ok:
-            ok = output.write_image(np.ascontiguousarray(data))
+        ok = output.open(path, spec) and write(output)
         reason = output.geterror()
         if not (output.close() and ok):
             raise ResourceError(reason or output.geterror() or f"the writer of {ending} failed")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .image import srgb_stored
+from .display import srgb_stored
 from .particles import mapped
 from .scene import ColorBar, Swatches
 

@@ -42,26 +42,31 @@ def turntable(
     *,
     up: Vec3 | None = None,
     camera: Camera | Framing | None = None,
+    places: Sequence[int] | None = None,
     **options: Any,
 ) -> Iterator[Image]:
     """Renders pictures of a scene, one after the other, the camera going once around it.
 
     scene: as for render(). count: of pictures; the one after the last would be the first again.
     up: the axis that the camera turns about, as turns() has it. camera: of the first picture,
-    instead of the scene's own. options: of render().
+    instead of the scene's own. places: of the pictures that are made, from 0 on; None for all.
+    options: of render().
 
     The light that files without light get goes around with the camera, so that things seem to turn
     before it. Light of the scene's own stays where it is, and then the tree is built once.
 
     Raises SceneError for a count, a scene or options without meaning.
     """
-    prepared = scene if isinstance(scene, Prepared) else prepare(scene)
+    if places is not None and not places:
+        return iter(())
+    limit = options.get("memory_limit")
+    prepared = scene if isinstance(scene, Prepared) else prepare(scene, memory_limit=limit)
     shown = prepared.scene if camera is None else prepared.scene.replace(camera=camera)
     names = {f.name for f in fields(Settings)}
     settings = merged(shown.settings, {k: v for k, v in options.items() if k in names})
-    return _rendered(
-        prepared, shown, turns(shown, count, settings.width / settings.height, up), options
-    )
+    around = turns(shown, count, settings.width / settings.height, up)
+    wanted = around if places is None else [around[place] for place in places]
+    return _rendered(prepared, shown, wanted, options)
 
 
 def _rendered(
@@ -71,7 +76,7 @@ def _rendered(
         lit = turned_light(shown, turn.rotation, turn.pivot)
         if lit is not shown:
             del prepared  # two trees at a time would be one too many
-            prepared = prepare(lit)
+            prepared = prepare(lit, memory_limit=options.get("memory_limit"))
         yield render(prepared, camera=turn.camera, **options)
 
 
@@ -86,12 +91,7 @@ def turns(scene: Scene, count: int, aspect: float, up: Vec3 | None = None) -> li
     goes through the middle of the shapes that it shows, and the distance is the least that shows
     them whole from all around.
     """
-    try:
-        number = operator.index(count)
-    except TypeError:
-        raise SceneError(f"pictures of a turn: {count!r}; must be a whole number") from None
-    if not 1 <= number <= _MOST:
-        raise SceneError(f"pictures of a turn: {number}; must lie in [1, {_MOST}]")
+    number = checked_count(count)
     axis = np.array(up_of(scene) if up is None else up, np.float64)
     if axis.shape != (3,) or not np.all(np.isfinite(axis)) or not np.any(axis):
         raise SceneError(f"up is {up!r}; must be three finite numbers, not all 0")
@@ -109,6 +109,17 @@ def turns(scene: Scene, count: int, aspect: float, up: Vec3 | None = None) -> li
         camera = replace(first, eye=eye, target=target, up=turned_up)
         made.append(Turn(camera, rotation, pivot))
     return made
+
+
+def checked_count(count: int) -> int:
+    """How many pictures a turn has. Raises SceneError for a number that is none."""
+    try:
+        number = operator.index(count)
+    except TypeError:
+        raise SceneError(f"pictures of a turn: {count!r}; must be a whole number") from None
+    if not 1 <= number <= _MOST:
+        raise SceneError(f"pictures of a turn: {number}; must lie in [1, {_MOST}]")
+    return number
 
 
 def _ahead(scene: Scene, camera: Camera, axis: Array) -> Array:

@@ -4,32 +4,54 @@ from __future__ import annotations
 
 import logging
 import operator
+import os
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import checkpoint as checkpoints
 from . import cryptomatte, machine, memory, tables
 from .errors import ResourceError, SceneError, option, unknown_name
 from .flatten import Flat, flatten
 from .framing import placed
-from .image import Image, RenderStats
-from .progress import Progress, ProgressCallback
+from .image import Image, RenderStats, check_place
+from .progress import ProgressCallback, bar
+from .progressive import (
+    MOST_SAMPLES,
+    Goal,
+    Rendering,
+    Work,
+    block_errors,
+    picture_error,
+)
 from .scene import Camera, Framing, Scene, Settings, Vec3
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 log = logging.getLogger("parhelion")
 
-# Seconds that one pass over the picture should take: it can be stopped in between, and each makes
-# the whole picture a little better.
-PASS_SECONDS = 0.25
-
-# Bytes a pixel: the film's sums, and the arrays that are made of them while they are still there.
+# Bytes a pixel: the film's sums, and the arrays that are made of them while they are still there;
+# of what tells the errors; of features.
 PIXEL_BYTES = 56 + 20
+ERROR_BYTES = 24 + 12
 FEATURE_BYTES = 480 + 220
+
+# Seconds between two checkpoints.
+CHECKPOINT_SECONDS = 30.0
+
+# Leaves of a tree that was surely built by all threads
+_WITH_THREADS = 4096
+# What a scene that is too large may be made of instead
+_LESS = "copies take less as instances, as do fewer shapes and smaller images"
 
 LARGEST_SIDE = 65536
 INTEGRATORS = ("path", "direct", "ao")
+TREES = ("bvh", "none")
 SCHEDULES = ("dynamic", "static", "guided")
 
 
@@ -43,10 +65,15 @@ class Prepared:
     seconds: float
 
 
-def prepare(scene: Scene | Any) -> Prepared:
+@memory.told
+def prepare(scene: Scene | Any, *, memory_limit: int | str | None = None) -> Prepared:
     """Checks a scene, or anything that scene_of() makes one of, and builds its tree.
 
-    Raises SceneError, naming the object and the element, for a scene that has no meaning.
+    memory_limit: bytes, or a text such as "4G", that the process may hold.
+
+    Raises SceneError, naming the object and the element, for a scene that has no meaning, and
+    ResourceError for one that takes more memory than the limit or the system leave, before that is
+    taken.
     """
     from . import _core
 
@@ -55,16 +82,24 @@ def prepare(scene: Scene | Any) -> Prepared:
         from .objects import scene_of
 
         scene = scene_of(scene)
-    flat = flatten(scene)
+    with memory.limited(memory_limit):
+        flat = flatten(scene)
+        free = memory.free()
     try:
-        core = _core.Scene(flat.parts)
+        core = _core.Scene(flat.parts, None if free is None else free.bytes)
+    except ResourceError as error:
+        assert free is not None
+        raise memory.refusal(str(error), free, _LESS) from None
     except MemoryError as error:
-        raise ResourceError("not enough memory for the scene's tree") from error
+        raise ResourceError(f"not enough memory for the scene's tree; {_LESS}") from error
+    if core.stats()["leaves"] > _WITH_THREADS:
+        memory.note_threads(machine.cores_available())
     seconds = time.perf_counter() - start
     log.debug("scene %s: %s in %.3f s", scene.name, core.stats(), seconds)
     return Prepared(scene, flat, core, seconds)
 
 
+@memory.told
 def render(
     scene: Scene | Prepared | Any,
     *,
@@ -72,77 +107,134 @@ def render(
     threads: int = 0,
     progress: ProgressCallback | bool | None = None,
     features: bool = False,
+    time_limit: float | None = None,
+    counts: Any = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    checkpoint_every: float = CHECKPOINT_SECONDS,
+    resume: bool = False,
     tree: str = "bvh",
     schedule: str = "dynamic",
     tile: int = 16,
     isa: str = "",
+    memory_limit: int | str | None = None,
     **settings: Any,
 ) -> Image:
     """Renders a scene.
 
     scene: or anything that scene_of() knows: positions, meshes and atoms of other libraries.
-    camera: instead of the scene's own. settings: any field of Settings (width, height, spp,
+    camera: instead of the scene's own. settings: any field of Settings (width, height, spp, noise,
     max_depth, seed, sampler, filter, filter_radius, roulette, crop) instead of the scene's; of
     width and height the one not given follows from the scene's aspect ratio.
+
+    The picture is done when all pixels have spp samples, when its noise is low enough, or after
+    time_limit seconds, whichever is first; noise or time_limit without spp go on for as long as
+    that takes. counts: instead of spp and noise, samples of each pixel, (H, W) whole numbers, such
+    as another Image's; its pixels are the same then.
+
+    checkpoint: a file that is written every checkpoint_every seconds and in the end, with a warning
+    where it cannot be; one that is there already is an error without resume. With it rendering goes
+    on from there, to the same bits that an uninterrupted one makes, and with a larger spp, less
+    noise or more time further than that. It must be of the same scene, camera and settings, and of
+    the same build of Parhelion.
 
     threads: 0 takes every core. progress: True shows a bar on stderr; a function is called with a
     Progress some times a second, and what it returns, if true, stops the rendering.
 
-    features: also depth, position, normals, albedo, mattes and so on; see Image.features.
+    features: also depth, position, normals, albedo, mattes and so on; see Image.features. Those
+    that tell of noise (error, samples, variance) come with noise, time_limit and checkpoint alone.
+    memory_limit: bytes, or a text such as "4G", that the process may hold.
 
     The picture does not depend on these: threads; schedule, how OpenMP hands out tiles ("dynamic",
     "static", "guided"); tile, their edge in pixels; isa, the instruction set ("" for the best);
     tree, "none" tests every primitive against every ray.
 
     Returns an Image; stopped early, one whose stats.complete is False. Raises SceneError for a
-    scene, camera or setting without meaning, ResourceError for a picture that memory cannot hold.
+    scene, camera or setting without meaning and a checkpoint of another picture, FormatError for a
+    file that is none, ResourceError for a picture that memory cannot hold.
     """
     from . import _core
 
-    prepared = scene if isinstance(scene, Prepared) else prepare(scene)
+    start, limit = time.perf_counter(), memory_limit
+    prepared = scene if isinstance(scene, Prepared) else prepare(scene, memory_limit=limit)
+    endless = settings.get("noise") is not None or time_limit is not None
+    if endless and settings.get("spp") is None:
+        settings = {**settings, "spp": MOST_SAMPLES}
     wanted = merged(prepared.scene.settings, settings)
     seen = prepared.scene if camera is None else prepared.scene.replace(camera=camera)
     view_camera = _plain(placed(seen, wanted.width / wanted.height))
-    for what, name, choices in (
-        ("tree", tree, ("bvh", "none")),
-        ("schedule", schedule, SCHEDULES),
-        ("instruction set", isa, ("", *_core.instruction_sets())),
-    ):
-        if name not in choices:
-            raise SceneError(unknown_name(what, name, filter(None, choices)))
-    features = _flag("features", features)
+    work = _work(threads, tile, schedule, isa)
+    if tree not in TREES:
+        raise SceneError(unknown_name("tree", tree, TREES))
+    features, resume = _flag("features", features), _flag("resume", resume)
     if progress is not None and not isinstance(progress, bool) and not callable(progress):
         raise SceneError(f"progress is {progress!r}; must be a function, True or None")
-    count = _whole("threads", threads, 0, 4096) or machine.cores_available()
-    tile = _whole("tile", tile, 1, LARGEST_SIDE)
+    seconds = _length("time_limit", time_limit)
+    interval = _length("checkpoint_every", checkpoint_every)
+    if interval is None:
+        raise SceneError(f"{option('checkpoint_every')} must be a number of seconds")
+    if resume and checkpoint is None:
+        raise SceneError(f"{option('resume')} needs {option('checkpoint')}")
+    if checkpoint is not None:
+        try:
+            check_place(Path(checkpoint))
+        except TypeError:
+            kind = type(checkpoint).__name__
+            raise SceneError(f"{option('checkpoint')}: a path is needed, not {kind}") from None
     view = make_view(prepared, view_camera, wanted, tree=tree == "bvh")
     x, y, width, height = wanted.crop or (0, 0, wanted.width, wanted.height)
-    _check_memory(width, height, PIXEL_BYTES + (FEATURE_BYTES if features else 0))
+    wanted_counts = None if counts is None else _counts(counts, height, width, checkpoint)
+    errors = wanted.noise is not None or seconds is not None or checkpoint is not None
+    pixel_bytes = PIXEL_BYTES + ERROR_BYTES * errors + FEATURE_BYTES * features
+    with memory.limited(limit):
+        _check_memory(width, height, pixel_bytes, work.threads)
+    memory.note_threads(work.threads)
+    deadline = None if seconds is None else start + seconds
+    if wanted_counts is None:
+        goal = Goal(wanted.spp, wanted.noise, deadline)
+    else:
+        goal = Goal(int(wanted_counts.max()), None, deadline, wanted_counts)
     try:
-        film = _core.Film(x, y, width, height, features)
-        if progress is True:
-            from .progress import bar
-
-            with bar() as report:
-                stats = _passes(film, prepared, view, wanted, count, report, schedule, tile, isa)
-        else:
-            callback = progress if callable(progress) else None
-            stats = _passes(film, prepared, view, wanted, count, callback, schedule, tile, isa)
+        film = _core.Film(x, y, width, height, features, errors)
+        rendering = Rendering(film, prepared.core, view, goal, work)
+        with ExitStack() as stack:
+            report = stack.enter_context(bar()) if progress is True else progress or None
+            if checkpoint is None:
+                ended = rendering.run(report)
+            else:
+                made_of = checkpoints.identity(prepared.flat, view_camera, wanted, features)
+                ended = _checkpointed(rendering, report, checkpoint, interval, resume, made_of)
         pixels, counts, bad = film.arrays()
-        seen_features = film.features(1.0 / prepared.core.stats()["scale"]) if features else {}
-        if features:
-            parts = seen_features["emission"] + seen_features["direct"]
-            seen_features["indirect"] = np.maximum(pixels - parts, 0.0)
-            named = prepared.flat.shape_names, prepared.flat.material_names
-            ids = ([cryptomatte.matte_id(name) for name in names] for names in named)
-            mattes = film.mattes(*(np.array(bits, np.uint32) for bits in ids))
-            seen_features |= zip(cryptomatte.LAYERS, mattes, strict=True)
+        seen_features = _features(film, prepared, pixels) if features else {}
+        if errors:
+            seen_features |= _noise(film, counts)
     except MemoryError as error:
         raise ResourceError(f"not enough memory for a picture of {width}x{height}") from error
+    missing = int((counts == 0).sum())
+    if missing and wanted_counts is None:
+        log.warning("%d pixels have no sample yet, and are black", missing)
     if bad.any():
         _report_bad(prepared, view, wanted, counts, bad)
-    legend = prepared.scene.legend
-    return Image(pixels, counts, stats, wanted, view_camera, prepared.flat, seen_features, legend)
+    stats = RenderStats(
+        seconds=rendering.spent.seconds,
+        samples=rendering.spent.samples,
+        rays=rendering.spent.rays,
+        threads=work.threads,
+        isa=work.isa or _core.instruction_set(),
+        ended=ended,
+        error=known if errors and np.isfinite(known := picture_error(film)) else None,
+        build_seconds=prepared.seconds,
+    )
+    return Image(
+        pixels,
+        counts,
+        stats,
+        wanted,
+        view_camera,
+        prepared.flat,
+        seen_features,
+        prepared.scene.legend,
+        prepared.scene.source,
+    )
 
 
 def merged(base: Settings, changes: dict[str, Any]) -> Settings:
@@ -179,6 +271,8 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
         roulette=_flag("roulette", s.roulette),
         ao_distance=_length("ao_distance", s.ao_distance),
         backdrop=None if s.backdrop is None else _color("backdrop", s.backdrop),
+        noise=_length("noise", s.noise),
+        clamp_indirect=_length("clamp_indirect", s.clamp_indirect),
     )
     if s.integrator not in INTEGRATORS:
         raise SceneError(unknown_name("integrator", s.integrator, INTEGRATORS))
@@ -239,6 +333,7 @@ def make_view(prepared: Prepared, camera: Camera, settings: Settings, tree: bool
         integrator=settings.integrator,
         ao_distance=settings.ao_distance or 0.0,
         backdrop=settings.backdrop,
+        clamp_indirect=settings.clamp_indirect or 0.0,
     )
 
 
@@ -265,77 +360,102 @@ def _plain(camera: Any) -> Camera:
     )
 
 
-def _check_memory(width: int, height: int, pixel_bytes: int) -> None:
+def _check_memory(width: int, height: int, pixel_bytes: int, threads: int) -> None:
     """Raises ResourceError for a picture that would not fit; trying it could end the process."""
-    needed, free = width * height * pixel_bytes, memory.available()
-    if free is not None and needed > free:
-        raise ResourceError(
-            f"not enough memory for a picture of {width}x{height}: it takes"
-            f" {needed / 2**30:.1f} GiB, and {free / 2**30:.1f} GiB are free;"
-            f" {option('crop')} renders parts"
-        )
+    what = f"a picture of {width}x{height}"
+    helps = f"{option('crop')} renders parts"
+    memory.require(width * height * pixel_bytes, what, helps, threads)
 
 
-def _passes(
-    film: Any,
-    prepared: Prepared,
-    view: Any,
-    settings: Settings,
-    threads: int,
-    report: ProgressCallback | None,
-    schedule: str,
-    tile: int,
-    isa: str,
-) -> RenderStats:
-    """Samples in passes, the first of one sample a pixel, so that the whole picture is there early;
-    all in one where nobody watches. Sums are exact: no split changes them.
-    """
+def _work(threads: Any, tile: Any, schedule: str, isa: str) -> Work:
+    """How to render. Raises SceneError for what has no meaning."""
     from . import _core
 
-    pixels = (settings.crop or (0, 0, settings.width, settings.height))[2:]
-    total = pixels[0] * pixels[1] * settings.spp
-    start = time.perf_counter()
-    samples = rays = done = 0
-    size, complete = (1 if report else settings.spp), True
-    while done < settings.spp and complete:
-        before = time.perf_counter()
-
-        def tick(
-            pass_samples: int, pass_rays: int, samples: int = samples, rays: int = rays
-        ) -> bool:
-            if report is None:
-                return False
-            seconds = time.perf_counter() - start
-            return bool(report(Progress(samples + pass_samples, total, rays + pass_rays, seconds)))
-
-        last = min(done + size, settings.spp)
-        pass_samples, pass_rays, complete = film.render(
-            prepared.core,
-            view,
-            done,
-            last,
-            threads=threads,
-            tile=tile,
-            schedule=schedule,
-            isa=isa,
-            tick=tick,
-        )
-        samples += pass_samples
-        rays += pass_rays
-        seconds = time.perf_counter() - before
-        if complete:
-            done = last
-            complete = not tick(0, 0, samples, rays)
-        size = max(1, min(8 * size, int(size * PASS_SECONDS / max(seconds, 1e-6))))
-    return RenderStats(
-        seconds=time.perf_counter() - start,
-        samples=samples,
-        rays=rays,
-        threads=threads,
-        isa=isa or _core.instruction_set(),
-        complete=done == settings.spp,
-        build_seconds=prepared.seconds,
+    for what, name, choices in (
+        ("schedule", schedule, SCHEDULES),
+        ("instruction set", isa, ("", *_core.instruction_sets())),
+    ):
+        if name not in choices:
+            raise SceneError(unknown_name(what, name, filter(None, choices)))
+    return Work(
+        threads=_whole("threads", threads, 0, 4096) or machine.cores_available(),
+        tile=_whole("tile", tile, 1, LARGEST_SIDE),
+        schedule=schedule,
+        isa=isa,
     )
+
+
+def _counts(counts: Any, height: int, width: int, checkpoint: Any) -> NDArray[np.uint32]:
+    """Samples of each pixel. Raises SceneError for what is none."""
+    try:
+        array = np.asarray(counts)
+    except ValueError:  # rows of different lengths
+        array = np.empty(0, object)
+    if array.shape != (height, width) or array.dtype.kind not in "iu":
+        raise SceneError(
+            f"counts: whole numbers of shape {(height, width)} are needed, not {array.dtype} of"
+            f" shape {array.shape}"
+        )
+    if array.min() < 0 or array.max() > MOST_SAMPLES:
+        raise SceneError(f"counts: must lie in [0, {MOST_SAMPLES}]")
+    if checkpoint is not None:
+        raise SceneError("counts: there are no checkpoints of samples by pixel")
+    return np.ascontiguousarray(array, np.uint32)
+
+
+def _checkpointed(
+    rendering: Rendering,
+    report: ProgressCallback | None,
+    file: str | os.PathLike[str],
+    interval: float,
+    resume: bool,
+    made_of: dict[str, Any],
+) -> str:
+    """Runs a rendering that others can go on with. Returns what ended it."""
+
+    def save() -> None:
+        try:
+            checkpoints.save(file, rendering, made_of)
+        except ResourceError as error:  # the disk may have room again before the next one
+            log.warning("%s; rendering goes on", error)
+
+    if not resume:
+        checkpoints.check_new(file)
+    elif os.path.exists(file):
+        checkpoints.resume(file, rendering, made_of)
+    rendering.save_every(interval, save)
+    ended = rendering.run(report)
+    save()
+    return ended
+
+
+def surface_features(film: Any, core: Any, pixels: Any) -> dict[str, Any]:
+    """Image.features of a film and its means, without Cryptomattes."""
+    seen: dict[str, Any] = film.features(1.0 / core.stats()["scale"])
+    seen["indirect"] = np.maximum(pixels - (seen["emission"] + seen["direct"]), 0.0)
+    return seen
+
+
+def _features(film: Any, prepared: Prepared, pixels: Any) -> dict[str, Any]:
+    """What the film of a picture has seen besides its light; see Image.features."""
+    seen = surface_features(film, prepared.core, pixels)
+    named = prepared.flat.shape_names, prepared.flat.material_names
+    ids = ([cryptomatte.matte_id(name) for name in names] for names in named)
+    mattes = film.mattes(*(np.array(bits, np.uint32) for bits in ids))
+    return seen | dict(zip(cryptomatte.LAYERS, mattes, strict=True))
+
+
+def _noise(film: Any, counts: NDArray[np.uint32]) -> dict[str, Any]:
+    """What a film with errors knows of its noise; see Image.features."""
+    from . import _core
+
+    height, width = counts.shape
+    of_pixels = np.repeat(np.repeat(block_errors(film), _core.block, 0), _core.block, 1)
+    return {
+        "error": of_pixels[:height, :width].astype(np.float32),
+        "samples": counts,
+        "variance": film.variances(),
+    }
 
 
 def _report_bad(prepared: Prepared, view: Any, settings: Settings, counts: Any, bad: Any) -> None:
@@ -355,13 +475,15 @@ def _report_bad(prepared: Prepared, view: Any, settings: Settings, counts: Any, 
     )
     log.warning(
         "%d samples were not finite and count as black; the first is sample %s of pixel %d,%d"
-        " (--crop %d,%d,1,1 --seed %d renders that pixel alone)",
+        " (`parhelion pixel SCENE %d %d %s --seed %d`, with the picture's other options, shows its"
+        " path)",
         int(bad.sum()),
         sample,
         x,
         y,
         x,
         y,
+        "" if sample is None else sample,
         settings.seed,
     )
 

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:  # NumPy takes longer to import than all of this package
     from numpy.typing import ArrayLike
 
+    from .view.notebook import Viewer
+
 Vec3 = tuple[float, float, float]
 
 
@@ -319,14 +321,19 @@ Shape = Solid | Instances
 class Settings:
     """What to render: a scene file may set these, and every one is also an argument of render().
 
-    width, height: the picture in pixels. spp: samples per pixel. max_depth: rays in the longest
-    path, the camera's own included. seed: of all random numbers. sampler, filter: by name;
-    filter_radius in pixels, None for the filter's own. roulette: end dim paths early, without
-    bias. crop: (x, y, width, height) of the part to render, from the top left; None for all.
+    width, height: the picture in pixels. spp: samples per pixel; with noise, the most. noise: how
+    far pixels may be from what infinitely many samples would show, within 95 % confidence and as a
+    share of their brightness; each part of the picture gets the samples that it needs for that.
+    None: all pixels get spp samples. max_depth: rays in the longest path, the camera's own
+    included. seed: of all random numbers. sampler, filter: by name; filter_radius in pixels, None
+    for the filter's own. roulette: end dim paths early, without bias. crop: (x, y, width, height)
+    of the part to render, from the top left; None for all.
     integrator: "path" (all light), "direct" (light that was scattered once at most), or "ao" (how
     much of the surroundings within ao_distance, in scene units, None for any, is open; white is
     all). backdrop: linear RGB that the camera sees where there is nothing, None for the light that
-    comes from there; things are lit by that light all the same.
+    comes from there; things are lit by that light all the same. clamp_indirect: the largest
+    radiance that light may bring to a sample after it was scattered more than once, None for any;
+    it takes fireflies away, and the picture is darker than the truth then.
     """
 
     width: int = 640
@@ -342,6 +349,8 @@ class Settings:
     integrator: str = "path"
     ao_distance: float | None = None
     backdrop: Vec3 | None = None
+    noise: float | None = None
+    clamp_indirect: float | None = None
 
 
 @dataclass(frozen=True)
@@ -365,6 +374,16 @@ class Swatches:
     kinds: tuple[tuple[str, Vec3], ...]
 
 
+@dataclass(frozen=True)
+class Source:
+    """Where a scene came from: a file's absolute path and those fields of LoadOptions that were not
+    left as they are; path None is the built-in scene, with its arguments.
+    """
+
+    path: str | None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """Everything there is to see, and the camera that sees it.
@@ -374,7 +393,8 @@ class Scene:
     front. background: the light from outside, None for darkness. lights: further ones; emissive
     materials need no mention here. settings: defaults for render().
     name: what the scene calls itself; error texts and metadata use it. legend: what its colours
-    stand for, if they stand for something.
+    stand for, if they stand for something. source: where it came from, for pictures to tell; what
+    was changed since does not show there.
     """
 
     shapes: Sequence[Shape] = ()
@@ -385,7 +405,19 @@ class Scene:
     name: str = "scene"
     lights: Sequence[Light] = ()
     legend: ColorBar | Swatches | None = None
+    source: Source | None = None
 
     def replace(self, **changes: Any) -> Scene:
         """A copy with some fields changed, as dataclasses.replace."""
         return replace(self, **changes)
+
+    def view(self, *, height: int = 560, **settings: Any) -> Viewer:
+        """Shows the scene in a notebook's cell, rendered while it is looked at.
+
+        height: of the cell, in pixels of the page. settings: as Session takes them, such as camera,
+        spp and max_depth. Raises SceneError, and ResourceError without the package anywidget.
+        """
+        from .view.notebook import Viewer
+        from .view.session import Session
+
+        return Viewer(Session(self, **settings), height=height)

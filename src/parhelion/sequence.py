@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Protocol
 
-from .atomic import taking_place
-from .errors import ResourceError, SceneError
-from .image import check_output, check_place, checked_exposure
+from .atomic import clear, taking_place
+from .display import Display
+from .errors import FormatError, ResourceError, SceneError, option
+from .image import check_output, check_place, picture_metadata, read_pixels
 from .io.frames import FPS, checked_fps
 
 if TYPE_CHECKING:
     from .image import Image
 
 FILM = ".mp4"
+# What only files of that kind are told
+_EXR = ("compression", "tiled")
 
-# %d or %04d as printf has it, and %% for a single one
+# %d or %04d as printf has it, and %% for a single one; or #### for four digits
 _NUMBER = re.compile(r"%(0?\d*)d")
+_HASHES = re.compile(r"#+")
+_JPEG_END = b"\xff\xd9"
+
 # Digits of numbers where the name does not say
 _DIGITS = 4
 
@@ -42,8 +49,8 @@ _COLOR = (
 class Taker(Protocol):
     """What takes the pictures of a sequence, one after the other."""
 
-    def add(self, image: Image) -> None:
-        """Takes the next one."""
+    def add(self, image: Image, number: int | None = None) -> None:
+        """Takes the next one. number: that its file has; None for one more than the last."""
 
 
 def save_sequence(
@@ -52,23 +59,27 @@ def save_sequence(
     *,
     fps: float = FPS,
     bits: int | None = None,
-    legend: bool = False,
-    exposure: float = 0.0,
+    numbers: Iterable[int] | None = None,
+    **how: Any,
 ) -> int:
     """Writes pictures as they come, and returns how many.
 
-    path: "turn.png" makes turn.0001.png, turn.0002.png and so on; "turn-%03d.exr" says where the
-    number stands and how many digits it has. "turn.mp4" makes a film of fps pictures a second, for
-    which the program ffmpeg is needed; it appears when it is complete. bits, legend, exposure: as
-    for Image.save().
+    path: "turn.png" makes turn.0001.png, turn.0002.png and so on; "turn-%03d.exr" or "turn-###.exr"
+    says where the number stands and how many digits it has. "turn.mp4" makes a film of fps pictures
+    a second, for which the program ffmpeg is needed; it appears when it is complete. numbers: those
+    of the files, as Frames.file_numbers has them; None for 1, 2, 3 and so on. bits, and legend,
+    exposure and so on: as for Image.save(), of a film as for Image.srgb().
 
     Raises what Image.save() does, and ResourceError without ffmpeg, before the first picture is
     asked for.
     """
-    count = 0
-    with opened(path, fps=fps, bits=bits, legend=legend, exposure=exposure) as taker:
+    count, left = 0, itertools.count(1) if numbers is None else iter(numbers)
+    with opened(path, fps=fps, bits=bits, **how) as taker:
         for image in images:
-            taker.add(image)
+            number = next(left, None)
+            if number is None:
+                raise SceneError(f"numbers: there are {count}, and more pictures than that")
+            taker.add(image, number)
             count += 1
     return count
 
@@ -80,22 +91,23 @@ def opened(
     fps: float = FPS,
     bits: int | None = None,
     features: bool = False,
-    legend: bool = False,
-    exposure: float = 0.0,
+    **how: Any,
 ) -> Iterator[Taker]:
     """What takes the pictures of one sequence; a film is whole, and there, after the block.
 
-    If the block ends with an exception, files of pictures stay, and a film does not appear. Raises
-    as save_sequence() does.
+    If the block ends with an exception, files of pictures stay, and a film does not appear.
+    Temporary files that killed processes left beside them are removed. Raises as save_sequence()
+    does.
     """
     name, rate = os.fspath(path), checked_fps(fps)
-    program = check_sequence(path, bits=bits, features=features, legend=legend, exposure=exposure)
+    program = check_sequence(path, bits=bits, features=features, **how)
+    clear(Path(os.path.realpath(name)).parent)
     if program is None:
-        yield _Files(name, {"bits": bits, "legend": legend, "exposure": exposure})
+        yield _Files(name, {"bits": bits, **how})
         return
-    looks = {"legend": legend, "exposure": exposure}
+    how = {name: value for name, value in how.items() if name not in _EXR}
     with tempfile.TemporaryFile() as said, taking_place(Path(name)) as temporary:
-        film = _Film(name, program, rate, temporary, said, looks)
+        film = _Film(name, program, rate, temporary, said, how)
         try:
             yield film
             film.finish()
@@ -109,7 +121,7 @@ def check_sequence(
     bits: int | None = None,
     features: bool = False,
     legend: bool = False,
-    exposure: float = 0.0,
+    **how: Any,
 ) -> str | None:
     """Raises what opened() does for what cannot be written there.
 
@@ -117,13 +129,16 @@ def check_sequence(
     """
     name = os.fspath(path)
     if Path(name).suffix.lower() != FILM:
-        check_output(numbered(name, 1), bits, features, legend, exposure)
+        check_output(numbered(name, 1), bits, features, legend, **how)
         return None
     if bits not in (None, 8):
         raise SceneError(f"{name}: {FILM} cannot hold {bits} bits a channel (choices: 8)")
     if features:
         raise SceneError(f"{name}: {FILM} cannot hold features (choices: .exr)")
-    checked_exposure(exposure)
+    for key in _EXR:
+        if how.pop(key, None):
+            raise SceneError(f"{name}: {option(key)} is for .exr")
+    Display(**how)
     check_place(Path(name))
     return _ffmpeg(name)
 
@@ -133,28 +148,65 @@ def numbered(name: str, number: int) -> str:
     or before the ending. Raises SceneError for a name with more than one such place.
     """
     folder, base = os.path.split(name)
-    places = _NUMBER.findall(base.replace("%%", ""))
-    if len(places) > 1 or ("%" in _NUMBER.sub("", base.replace("%%", ""))):
-        raise SceneError(f"{name}: one number such as %04d may stand in the name, and %% for %")
+    plain = base.replace("%%", "")
+    places, hashes = _NUMBER.findall(plain), _HASHES.findall(plain)
+    if len(places) + len(hashes) > 1 or "%" in _NUMBER.sub("", plain):
+        raise SceneError(
+            f"{name}: one number such as %04d or #### may stand in the name, and %% for %"
+        )
     if places:
         if len(places[0]) > 3 or int(places[0] or 0) > 20:
             raise SceneError(f"{name}: %{places[0]}d has too many digits; %04d has four")
         base = base % number
+    elif hashes:
+        if len(hashes[0]) > 20:
+            raise SceneError(f"{name}: {hashes[0]} has too many digits; #### has four")
+        base = _HASHES.sub(f"{number:0{len(hashes[0])}}", base.replace("%%", "%"))
     else:
         stem, ending = os.path.splitext(base.replace("%%", "%"))
         base = f"{stem}.{number:0{_DIGITS}}{ending}"
     return os.path.join(folder, base)
 
 
+def is_there(
+    file: str, size: tuple[int, int], notes: Mapping[str, str], legend: bool = False
+) -> bool:
+    """Whether a file is a whole picture that a sequence with these notes would have made.
+
+    size: width and height without the legend, which makes a picture wider. notes: as Image.notes.
+    All of the picture is read, so a damaged one, or one of another program, is none; of JPEG only
+    what is missing is noticed. What the picture shows is not compared with anything.
+    """
+    if not os.path.isfile(file):
+        return False
+    from . import __version__
+
+    wanted = {**notes, "parhelion:version": __version__, "parhelion:complete": "true"}
+    try:
+        told = picture_metadata(file)
+        if any(told.get(key) != value for key, value in wanted.items()):
+            return False
+        height, width, _ = map(int, read_pixels(file).shape)
+        if file.lower().endswith((".jpg", ".jpeg")):  # the library fills up what is missing
+            with open(file, "rb") as stored:
+                stored.seek(-len(_JPEG_END), os.SEEK_END)
+                if stored.read() != _JPEG_END:
+                    return False
+    except (FormatError, OSError):
+        return False
+    fits = width > size[0] if legend else width == size[0]
+    return fits and height == size[1]
+
+
 class _Files:
     """A file for each picture, each whole or not there."""
 
     def __init__(self, name: str, looks: dict[str, Any]) -> None:
-        self._name, self._looks, self._count = name, looks, 0
+        self._name, self._looks, self._last = name, looks, 0
 
-    def add(self, image: Image) -> None:
-        self._count += 1
-        image.save(numbered(self._name, self._count), **self._looks)
+    def add(self, image: Image, number: int | None = None) -> None:
+        self._last = self._last + 1 if number is None else number
+        image.save(numbered(self._name, self._last), **self._looks)
 
 
 class _Film:
@@ -174,7 +226,8 @@ class _Film:
         self._process: subprocess.Popen[bytes] | None = None
         self._size = (0, 0)
 
-    def add(self, image: Image) -> None:
+    def add(self, image: Image, number: int | None = None) -> None:
+        del number  # a film has no files to tell apart
         pixels = image.srgb(**self._looks)
         size = pixels.shape[1], pixels.shape[0]
         if self._process is None:

@@ -118,6 +118,19 @@ def _color(wavelengths: ArrayLike, values: ArrayLike, *, lit: bool) -> Color:
 
 def blackbody(temperature: float) -> Color:
     """Radiance of a black body, W / (m^2 sr nm) (Planck's law), as a colour; temperature in K."""
+    nm, power = _planck(temperature)
+    return emission(nm, power)
+
+
+def planckian(temperature: float) -> tuple[float, float]:
+    """CIE x and y of a black body; temperature in K."""
+    _, power = _planck(temperature)
+    x, y, z = (float(v) for v in _weights()[1] @ power)
+    return x / (x + y + z), y / (x + y + z)
+
+
+def _planck(temperature: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Wavelengths, in nm, and the radiance of a black body at each."""
     import numpy as np
 
     if not temperature > 0.0:
@@ -127,7 +140,7 @@ def blackbody(temperature: float) -> Color:
     # first and second radiation constants, CODATA 2018
     with np.errstate(over="ignore"):
         power = 1.191042972e-16 / metres**5 / np.expm1(1.438776877e-2 / (metres * temperature))
-    return emission(nm, power * 1e-9)
+    return nm, power * 1e-9
 
 
 @cache

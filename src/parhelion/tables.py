@@ -143,11 +143,13 @@ def check(
         if name not in known:
             raise SceneError(f"{where}: {unknown_name('parameter', name, known)}")
     return {
-        p.name: _values(p, params[p.name], where) if p.name in params else p.default for p in listed
+        p.name: values_of(p, params[p.name], where) if p.name in params else p.default
+        for p in listed
     }
 
 
-def _values(param: Param, value: Any, where: str) -> tuple[float, ...]:
+def values_of(param: Param, value: Any, where: str) -> tuple[float, ...]:
+    """The numbers that a value of a parameter stands for. Raises SceneError, as check() does."""
     what = f"{where}: parameter {param.name!r}"
     if param.choices:
         if not isinstance(value, str) or value not in param.choices:

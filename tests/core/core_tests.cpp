@@ -129,6 +129,11 @@ RenderView make_view(const Scene& scene, u32 width, u32 height, SamplerKind samp
           {}};
 }
 
+// Every block's target.
+std::vector<u32> all_to(const Film& film, u32 samples) {
+  return std::vector<u32>(size_t{film.blocks_across()} * film.blocks_down(), samples);
+}
+
 bool same(const Film& a, const Film& b) {
   return std::memcmp(a.pixels.data(), b.pixels.data(), a.pixels.size() * sizeof(FilmPixel)) == 0;
 }
@@ -141,26 +146,37 @@ void pictures_do_not_depend_on_how_they_are_made() {
   CHECK(scene.light_count() == 1500);
   for (SamplerKind sampler : {SamplerKind::sobol, SamplerKind::independent}) {
     const RenderView view = make_view(scene, 40, 24, sampler);
-    Film reference(0, 0, 40, 24, false);
-    render_pass(kernels("baseline"), scene, view, reference, 0, 4, {1, 16, Schedule::dynamic_},
-                kNever);
+    Film reference(0, 0, 40, 24);
+    render_pass(kernels("baseline"), scene, view, reference, all_to(reference, 4),
+                {1, 16, Schedule::dynamic_}, kNever);
     for (const std::string& isa : instruction_sets()) {
       for (Schedule schedule : {Schedule::dynamic_, Schedule::static_, Schedule::guided}) {
-        Film film(0, 0, 40, 24, false);
-        render_pass(kernels(isa), scene, view, film, 2, 4, {3, 7, schedule}, kNever);
-        const PassResult r =
-            render_pass(kernels(isa), scene, view, film, 0, 2, {2, 16, schedule}, kNever);
-        CHECK(r.complete && r.samples == 40 * 24 * 2 && r.rays >= r.samples);
+        Film film(0, 0, 40, 24);
+        std::vector<u32> targets = all_to(film, 3);
+        targets[4] = 0, targets[7] = 1;  // of the 5 x 3 blocks, 64 pixels each
+        render_pass(kernels(isa), scene, view, film, targets, {3, 7, schedule}, kNever);
+        const PassResult r = render_pass(kernels(isa), scene, view, film, all_to(film, 4),
+                                         {2, 16, schedule}, kNever);
+        CHECK(r.complete && r.samples == 40 * 24 + 64 * 5 && r.rays >= r.samples);
         CHECK(same(reference, film));
+        Film later(0, 0, 40, 24, false, false, 1);
+        render_pass(kernels(isa), scene, view, later, all_to(later, 3), {3, 7, schedule}, kNever);
+        for (u32 i = 0; i < later.pixels.size(); ++i) {  // the first sample is all that it lacks
+          baseline::add(later.pixels[i],
+                        kernels(isa).radiance(scene.view(), view, i % 40, i / 40, 0));
+          baseline::carry(later.pixels[i]);
+        }
+        CHECK(same(reference, later));
       }
     }
     RenderView brute = view;
     brute.tree = false;
-    Film film(0, 0, 40, 24, false);
-    render_pass(kernels(), scene, brute, film, 0, 4, {2, 16, Schedule::dynamic_}, kNever);
+    Film film(0, 0, 40, 24);
+    render_pass(kernels(), scene, brute, film, all_to(film, 4), {2, 16, Schedule::dynamic_},
+                kNever);
     CHECK(same(reference, film));
-    Film crop(10, 5, 9, 8, false);
-    render_pass(kernels(), scene, view, crop, 0, 4, {2, 4, Schedule::dynamic_}, kNever);
+    Film crop(10, 5, 9, 8);
+    render_pass(kernels(), scene, view, crop, all_to(crop, 4), {2, 4, Schedule::dynamic_}, kNever);
     for (u32 y = 0; y < 8; ++y) {
       CHECK(std::memcmp(&crop.pixels[y * 9], &reference.pixels[(y + 5) * 40 + 10],
                         9 * sizeof(FilmPixel)) == 0);
@@ -283,21 +299,22 @@ void everything_at_once() {
   const Scene scene(std::move(input));
   RenderView view = make_view(scene, 24, 16, SamplerKind::sobol);
   Film reference(0, 0, 24, 16, true);
-  render_pass(kernels("baseline"), scene, view, reference, 0, 8, {1, 16, Schedule::dynamic_},
-              kNever);
+  render_pass(kernels("baseline"), scene, view, reference, all_to(reference, 8),
+              {1, 16, Schedule::dynamic_}, kNever);
   u64 bad = 0;
   for (const FilmPixel& p : reference.pixels) bad += p.bad;
   CHECK(bad == 0);
   for (const std::string& isa : instruction_sets()) {
     Film film(0, 0, 24, 16, true);
-    render_pass(kernels(isa), scene, view, film, 0, 8, {3, 5, Schedule::dynamic_}, kNever);
+    render_pass(kernels(isa), scene, view, film, all_to(film, 8), {3, 5, Schedule::dynamic_},
+                kNever);
     CHECK(same(reference, film));
     CHECK(std::memcmp(film.features.data(), reference.features.data(),
                       film.features.size() * sizeof(FeaturePixel)) == 0);
   }
   view.tree = false;
-  Film film(0, 0, 24, 16, false);
-  render_pass(kernels(), scene, view, film, 0, 8, {2, 16, Schedule::dynamic_}, kNever);
+  Film film(0, 0, 24, 16);
+  render_pass(kernels(), scene, view, film, all_to(film, 8), {2, 16, Schedule::dynamic_}, kNever);
   CHECK(same(reference, film));
 }
 
@@ -397,15 +414,43 @@ void a_pass_can_be_stopped() {
   const Cloud cloud(2000);
   const Scene scene(input_of({cloud.group()}, Cloud::materials()));
   const RenderView view = make_view(scene, 200, 200, SamplerKind::sobol);
-  Film film(0, 0, 200, 200, false);
+  Film film(0, 0, 200, 200);
   int calls = 0;
   const PassResult r =
-      render_pass(kernels(), scene, view, film, 0, 1000, {3, 4, Schedule::dynamic_},
+      render_pass(kernels(), scene, view, film, all_to(film, 1000), {3, 4, Schedule::dynamic_},
                   [&](u64, u64) { return ++calls >= 2; });
   CHECK(!r.complete && calls == 2 && r.samples < 200ull * 200 * 1000);
   u64 counted = 0;
   for (const FilmPixel& p : film.pixels) counted += p.count;
   CHECK(counted == r.samples);
+}
+
+// A pass that is stopped wherever leaves pixels whose samples are the first so many of theirs; one
+// that goes on makes the same picture, errors included.
+void passes_go_on_where_they_stopped() {
+  const Cloud cloud(300);
+  const Scene scene(input_of({cloud.group()}, Cloud::materials()));
+  const RenderView view = make_view(scene, 40, 24, SamplerKind::sobol);
+  Film whole(0, 0, 40, 24, true, true), stopped(0, 0, 40, 24, true, true);
+  render_pass(kernels(), scene, view, whole, all_to(whole, 1000), {2, 16, Schedule::dynamic_},
+              kNever);
+  u32 stops = 0;
+  for (bool complete = false; !complete; ++stops) {
+    const u32 tile = 3 + 5 * (stops % 4);  // runs end elsewhere
+    complete = render_pass(kernels(), scene, view, stopped, all_to(stopped, 1000),
+                           {3, tile, Schedule::dynamic_}, [](u64, u64) { return true; })
+                   .complete;
+  }
+  CHECK(stops > 2);
+  CHECK(same(whole, stopped));
+  CHECK(std::memcmp(whole.features.data(), stopped.features.data(),
+                    whole.features.size() * sizeof(FeaturePixel)) == 0);
+  CHECK(std::memcmp(whole.prefixes.data(), stopped.prefixes.data(),
+                    whole.prefixes.size() * sizeof(Prefix)) == 0);
+  double a[15], b[15];
+  whole.errors(a);
+  stopped.errors(b);
+  CHECK(std::memcmp(a, b, sizeof a) == 0);
 }
 
 void sums_are_exact_in_any_order() {
@@ -491,6 +536,7 @@ int main() {
   hard_cases_build();
   lines_stop_nothing();
   a_pass_can_be_stopped();
+  passes_go_on_where_they_stopped();
   sums_are_exact_in_any_order();
   mistakes_are_named();
   probes_run();

@@ -1,7 +1,8 @@
 """The command line: `parhelion COMMAND ...`; one module a command.
 
-Exit codes: 0 done; 2 a mistake in the request, the input or the output, told in one line; 130
-stopped by Ctrl-C, with what there was written.
+Exit codes: 0 done; 1 pictures differ (rerender, study) or a limit was exceeded (compare); 2 a
+mistake in the request, the input or the output, told in one line; 130 stopped by Ctrl-C, with what
+there was written.
 """
 
 from __future__ import annotations
@@ -10,8 +11,11 @@ import argparse
 import io
 import logging
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NoReturn
 
 from .. import __version__
@@ -68,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):  # a name may hold what the terminal can not show
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        with spelled(args.flags):
+        with spelled(args.flags), _terminable():
             code: int = args.run(args)
         if sys.stdout is not None:  # None: the process was started without one
             sys.stdout.flush()
@@ -86,6 +90,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("parhelion: stopped", file=sys.stderr)
         return EXIT_INTERRUPTED
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM ends the block as Ctrl-C does."""
+    if threading.current_thread() is not threading.main_thread():  # no one else hears of signals
+        yield
+        return
+    old = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, old)
 
 
 def _mistake(reason: object) -> int:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ..display import WhiteBalance
     from ..io import LoadOptions
     from ..scene import Scene
 
@@ -116,6 +117,56 @@ def add_loading(parser: argparse.ArgumentParser, required: bool = False) -> None
     )
 
 
+def add_display(parser: argparse.ArgumentParser, *more: str) -> None:
+    """How light is shown on a screen. more: other flags for the view transform."""
+    group = parser.add_argument_group("how it is shown (.exr files keep the linear values)")
+    group.add_argument(
+        "--exposure",
+        type=float,
+        metavar="EV",
+        help="stops brighter, or darker if negative",
+    )
+    group.add_argument(
+        "--view-transform",
+        *more,
+        metavar="NAME",
+        help="srgb cuts at white; agx, aces and aces-1.3 go towards it gently; default: srgb",
+    )
+    group.add_argument(
+        "--white-balance",
+        type=_white_balance,
+        metavar="WHITE",
+        help="what light shall look white: its colour temperature in kelvin, or CIE x,y",
+    )
+
+
+def add_exr(parser: argparse.ArgumentParser) -> None:
+    """How .exr files are written."""
+    parser.add_argument(
+        "--compression",
+        metavar="NAME",
+        help="of .exr: zip (default), zips, piz, rle, none; inexact: b44, b44a, pxr24, dwaa, dwab",
+    )
+    parser.add_argument(
+        "--tiled", action="store_true", default=None, help=".exr in tiles of 64x64, not in rows"
+    )
+
+
+def display(args: argparse.Namespace) -> dict[str, Any]:
+    """What add_display() was given, as Display takes it."""
+    return _given(args, "exposure", "view_transform", "white_balance")
+
+
+def saving(args: argparse.Namespace) -> dict[str, Any]:
+    """The same with add_exr(), as Image.save() takes it."""
+    return display(args) | _given(args, "compression", "tiled")
+
+
+def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
+    found = {name: getattr(args, name) for name in names}
+    return {name: value for name, value in found.items() if value is not None}
+
+
 def add_logging(parser: argparse.ArgumentParser) -> None:
     """How much is said."""
     parser.add_argument("--quiet", "-q", action="store_true", help="say nothing but errors")
@@ -181,6 +232,17 @@ def _define(text: str) -> tuple[str, str]:
     if not name or not equals:
         raise argparse.ArgumentTypeError(f"{text!r}: NAME=VALUE is needed")
     return name, value
+
+
+def _white_balance(text: str) -> WhiteBalance:
+    from ..display import parsed_white_balance
+    from ..errors import SceneError, spelled
+
+    try:
+        with spelled({"white_balance": "it"}):
+            return parsed_white_balance(text)
+    except SceneError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _radius(text: str) -> float | str:

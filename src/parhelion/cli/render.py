@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import signal
+import math
+import os
 import sys
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .. import memory
 from ..errors import SceneError
 from . import options
+from .watch import Watch
 
 if TYPE_CHECKING:
     from ..image import Image
     from ..io.frames import Frames
-    from ..progress import Progress, ProgressCallback
-    from ..scene import Scene, Settings
+    from ..scene import Scene
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -35,17 +35,11 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         "-o",
         "--output",
         metavar="FILE",
-        help=".png, .jpg (sRGB) or .exr (linear); of a sequence also .mp4, and %%04d where the"
-        " number stands; default: the scene's name and .png",
+        help=".png, .jpg (sRGB) or .exr (linear); of a sequence also .mp4, and #### or %%04d where"
+        " the number stands; default: the scene's name and .png",
     )
     p.add_argument("--bits", type=int, help="a channel: 8 or 16 for .png, 16 or 32 for .exr")
-    p.add_argument(
-        "--exposure",
-        type=float,
-        default=0.0,
-        metavar="EV",
-        help="stops brighter, or darker if negative; .exr files keep the linear values",
-    )
+    options.add_exr(p)
     p.add_argument(
         "--features",
         action="store_true",
@@ -53,14 +47,40 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         " .exr file",
     )
     p.add_argument(
+        "--denoise",
+        action="store_true",
+        help="take out the noise; what was rendered stays as a layer of the .exr file, or beside"
+        " it as NAME.noisy.png",
+    )
+    p.add_argument(
         "--legend",
         action="store_true",
         help="what colours stand for, at the right side of the picture, which becomes wider",
     )
+    add_picture(p)
+    _add_work(p)
+
+
+def add_picture(p: argparse.ArgumentParser) -> None:
+    """What a picture is like, beside its scene: the fields of Settings."""
     picture = p.add_argument_group("picture (default: what the scene says)")
     picture.add_argument("--width", type=int, metavar="N")
     picture.add_argument("--height", type=int, metavar="N")
     picture.add_argument("--spp", "--samples", type=int, metavar="N", help="samples per pixel")
+    picture.add_argument(
+        "--noise",
+        type=float,
+        metavar="EPS",
+        help="go on until the pixels are within this share of what endlessly many samples would"
+        " show, with 95 %% confidence: 0.05, say; --spp is then the most",
+    )
+    picture.add_argument(
+        "--clamp-indirect",
+        type=float,
+        metavar="RADIANCE",
+        help="the most that light brings to a sample after more than one scattering: fewer bright"
+        " specks, and a picture that is darker than the truth (biased); default: any",
+    )
     picture.add_argument("--max-depth", type=int, metavar="N", help="rays in a path, at most")
     picture.add_argument("--seed", type=int, metavar="N", help="of all random numbers")
     picture.add_argument("--sampler", metavar="NAME", help="sobol or independent")
@@ -95,6 +115,38 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="what is seen where there is nothing: a name such as white or #rrggbb; what"
         " lights the scene stays",
     )
+
+
+def _add_work(p: argparse.ArgumentParser) -> None:
+    """What is made of the scene, and how."""
+    long = p.add_argument_group("long renderings")
+    long.add_argument(
+        "--time-limit",
+        type=seconds,
+        metavar="TIME",
+        help="stop after so many seconds, or 90s, 15m, 2h, since the command began; of a sequence,"
+        " since each picture began",
+    )
+    long.add_argument(
+        "--checkpoint",
+        metavar="FILE",
+        nargs="?",
+        const="",
+        help="a file that --resume goes on from; default: the output's name and .checkpoint",
+    )
+    long.add_argument(
+        "--checkpoint-every",
+        type=seconds,
+        metavar="TIME",
+        help="default: 30s",
+    )
+    long.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from the checkpoint, if it is there; also with a larger --spp, less --noise or"
+        " more time than before",
+    )
+    options.add_display(p)
     sequence = p.add_argument_group("sequences of pictures")
     sequence.add_argument(
         "--turntable",
@@ -104,9 +156,15 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     sequence.add_argument(
         "--frames",
-        metavar="A:B:STEP",
-        help="a picture of each of these frames, as in Python's slices: of a trajectory counted"
-        " from 0 (all, 100:, ::10, =-5: for the last five), of USD time codes, of glTF seconds",
+        metavar="A..B..STEP",
+        help="a picture of each of these frames, both ends included, whose numbers the files have;"
+        " or as in Python's slices (all, 100:, ::10, =-5: for the last five), with files counted"
+        " from 1; of a trajectory counted from 0, of USD time codes, of glTF seconds",
+    )
+    sequence.add_argument(
+        "--skip-existing",
+        action="store_true",
+        help="make only pictures that are not there yet, or not whole, or of other options",
     )
     sequence.add_argument(
         "--fps",
@@ -119,22 +177,30 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     work.add_argument(
         "-t", "--threads", type=int, default=0, metavar="N", help="default: all cores"
     )
+    work.add_argument(
+        "--memory-limit",
+        metavar="SIZE",
+        help="bytes, or 4G, 500M: what would take more is an error; default: what there is",
+    )
     work.add_argument("--tree", default="bvh", help="bvh, or none to test every primitive")
     work.add_argument("--schedule", default="dynamic", help="OpenMP's: dynamic, static or guided")
     work.add_argument("--tile", type=int, default=16, metavar="PIXELS")
     options.add_logging(p)
-    p.set_defaults(run=run)
+    p.set_defaults(run=run, default_of=p.get_default)
 
 
 def run(args: argparse.Namespace) -> int:
     """Renders and writes; 130 if it was stopped."""
-    from ..image import checked_exposure
+    from ..display import Display
 
+    begun = time.perf_counter()
     output = args.output if args.output is not None else f"{_stem(args.scene)}.png"
     names = (
         "width",
         "height",
         "spp",
+        "noise",
+        "clamp_indirect",
         "max_depth",
         "seed",
         "sampler",
@@ -156,196 +222,92 @@ def run(args: argparse.Namespace) -> int:
         if args.ground is None:
             args.ground = False  # it would cover most of what was asked for
         if not output.lower().endswith(".exr"):  # the colour is to be seen as it was named
-            factor = 2.0 ** -checked_exposure(args.exposure)
-            settings["backdrop"] = tuple(factor * c for c in args.backdrop)
-    if args.turntable is not None or args.frames is not None:
-        return _sequence(args, output, settings)
-    return _picture(args, output, settings)
+            settings["backdrop"] = Display(**options.display(args)).before(args.backdrop)
+    if args.denoise:
+        from ..denoise import check_denoiser
+
+        check_denoiser()
+        settings["features"] = True  # albedo and normals guide it
+    with memory.limited(args.memory_limit):
+        if args.turntable is not None or args.frames is not None:
+            from . import sequences
+
+            return sequences.run(args, output, settings)
+        return _picture(args, output, settings, begun)
 
 
-def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
+CHECKPOINT = ("checkpoint", "checkpoint_every", "resume")
+
+
+def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any], begun: float) -> int:
     from ..image import check_output
     from ..renderer import prepare, render
 
-    if args.fps is not None:
-        raise SceneError("--fps needs a sequence of pictures: --turntable or --frames")
-    check_output(output, args.bits, args.features, args.legend, args.exposure)
+    for flag, given in (("--fps", args.fps is not None), ("--skip-existing", args.skip_existing)):
+        if given:
+            raise SceneError(f"{flag} needs a sequence of pictures: --turntable or --frames")
+    how = options.saving(args)
+    check_output(output, args.bits, args.features, args.legend, **how)
+    file = Path(output)
+    beside = file.with_name(f"{file.stem}.noisy{file.suffix}")
+    if args.denoise:
+        check_output(beside, args.bits, args.features, args.legend, **how)
     with options.naming(args):
         scene = prepare(options.load_scene(args))
-        _check_legend(args, scene.scene)
-    watch = _Watch()
+        check_legend(args, scene.scene)
+    if args.checkpoint is not None or args.resume:
+        args.checkpoint = args.checkpoint or f"{output}.checkpoint"
+        for written in (file, beside):
+            if os.path.realpath(args.checkpoint) == os.path.realpath(written):
+                raise SceneError(
+                    f"--checkpoint {args.checkpoint}: is what the picture is written to"
+                )
+        given = {name: getattr(args, name) for name in CHECKPOINT}
+        settings |= {name: value for name, value in given.items() if value is not None}
+    elif args.checkpoint_every is not None:
+        raise SceneError("--checkpoint-every needs --checkpoint")
+    if args.time_limit is not None:
+        left = args.time_limit - (time.perf_counter() - begun)
+        settings["time_limit"] = max(left, 1e-3)  # loading took it all; 0 would be a mistake
+    watch = Watch()
     # The camera can only be the file's own.
     with options.naming(args, "camera:"), watch.watching(args.quiet):
         image = render(scene, progress=watch, **settings)
-        image.save(output, bits=args.bits, legend=args.legend, exposure=args.exposure)
+        clean = finished(args, image)
+        if clean is not image and file.suffix.lower() != ".exr":
+            image.save(beside, bits=args.bits, legend=args.legend, **how)
+        clean.save(output, bits=args.bits, legend=args.legend, **how)
     if image.stats.complete:
         if not args.quiet:
             print(f"{output}: {_summary(image)}", file=sys.stderr)
         return 0
-    wanted = image.settings.spp
-    least, most = int(image.counts.min()), int(image.counts.max())
-    got = f"{most}" if least == most else f"{least} to {most}"
-    print(f"parhelion: stopped; {output} has {got} of {wanted} samples per pixel", file=sys.stderr)
+    hint = "--checkpoint FILE would let it go on another time"
+    if args.checkpoint is not None:
+        hint = f"the same command with --resume goes on from {args.checkpoint}"
+    error = "" if image.stats.error is None else f", error {100 * image.stats.error:.2g} %"
+    print(f"parhelion: stopped; {output} has {image.told_spp()}{error}; {hint}", file=sys.stderr)
     return 130
 
 
-def _sequence(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
-    """Writes whole pictures only; 130 if it was stopped."""
-    from ..io.frames import checked_fps
-    from ..sequence import FILM, check_sequence, opened
+def finished(args: argparse.Namespace, image: Image) -> Image:
+    """The picture as it is to be written; one that was stopped, at once and as it is."""
+    from ..denoise import without_guides
 
-    film = output.lower().endswith(FILM)
-    if args.turntable is not None and args.frames is not None:
-        raise SceneError("--turntable and --frames are two sequences; give one of them")
-    if args.fps is not None:
-        checked_fps(args.fps)
-    names = ("bits", "features", "legend", "exposure")
-    to_write = {name: getattr(args, name) for name in names}
-    check_sequence(output, **to_write)  # before the scene is read, which may take long
-    make = _turntable if args.frames is None else _frames
-    start, watch, image = time.perf_counter(), _Watch(), None
-    with options.naming(args):
-        images, fps = make(args, output, film, settings, watch)
-    try:
-        with (
-            opened(output, fps=fps, **to_write) as taker,
-            options.naming(args, "camera:"),
-            watch.watching(args.quiet),
-        ):
-            for image in images:
-                if not image.stats.complete:
-                    raise _Stopped
-                taker.add(image)
-                watch.add(image)
-    except _Stopped:
-        done = f"stopped after {watch.done} of {watch.count} pictures"
-        left = f"; {output} was not written" if film else ""
-        print(f"parhelion: {done}{left}", file=sys.stderr)
-        return 130
-    if not args.quiet and image is not None:
-        height, width = image.pixels.shape[:2]
-        seconds = time.perf_counter() - start
-        what = f"{watch.count} picture{'s' * (watch.count != 1)}, {width}x{height}"
-        print(f"{output}: {what}, {image.settings.spp} spp in {seconds:.2f} s", file=sys.stderr)
-    return 0
+    if not args.denoise:
+        return image
+    if image.stats.complete:
+        image = image.denoised()
+    if not args.features:
+        image = replace(image, features=without_guides(image.features))
+    return image
 
 
-class _Stopped(Exception):
-    """Leaves a sequence in its middle."""
-
-
-def _turntable(
-    args: argparse.Namespace, output: str, film: bool, settings: dict[str, Any], watch: _Watch
-) -> tuple[Iterable[Image], float]:
-    """The pictures of a turn, and how many are shown a second."""
-    from ..io.frames import FPS
-    from ..orbit import turntable
-
-    _check_fps(args, output, film)
-    scene = options.load_scene(args)
-    _check_legend(args, scene)
-    _check_film(output, film, scene.settings, settings)
-    watch.count = args.turntable
-    fps = FPS if args.fps is None else args.fps
-    return turntable(scene, args.turntable, progress=watch, **settings), fps
-
-
-def _frames(
-    args: argparse.Namespace, output: str, film: bool, settings: dict[str, Any], watch: _Watch
-) -> tuple[Iterable[Image], float]:
-    """The pictures of a file's frames, and how many are shown a second."""
-    from ..io.frames import load_frames
-    from ..renderer import render
-
-    if args.scene is None:
-        raise SceneError("--frames needs a file")
-    scenes = load_frames(args.scene, args.frames, options.load_options(args), fps=args.fps)
-    _check_fps(args, output, film or scenes.sampled)
-    _check_film(output, film, scenes.settings, settings)
-    _check_legend(args, scenes)
-    watch.count = len(scenes)
-    return (render(scene, progress=watch, **settings) for scene in scenes), scenes.fps
-
-
-def _check_legend(args: argparse.Namespace, scene: Scene | Frames) -> None:
+def check_legend(args: argparse.Namespace, scene: Scene | Frames) -> None:
     """Raises SceneError for a legend that there is not, before there is a picture."""
     from ..image import checked_legend
 
     if args.legend:
         checked_legend(scene.legend)
-
-
-def _check_fps(args: argparse.Namespace, output: str, matters: bool) -> None:
-    """Raises SceneError for a rate that nothing depends on."""
-    from ..sequence import FILM
-
-    if args.fps is not None and not matters:
-        raise SceneError(f"{output}: --fps is for films: {FILM}")
-
-
-def _check_film(output: str, film: bool, base: Settings, settings: dict[str, Any]) -> None:
-    """Makes the size of a film's pictures even where the user does not say it.
-
-    Raises SceneError for pictures that no film can be made of, before there are any.
-    """
-    from ..renderer import merged
-    from ..sequence import check_film_size
-
-    if film:
-        known = {f.name for f in fields(base)}
-        wanted = merged(base, {k: v for k, v in settings.items() if k in known})
-        if wanted.crop is None:
-            for name in ("width", "height"):
-                own = getattr(wanted, name)
-                settings[name] = own + own % 2 if settings[name] is None else own
-            wanted = merged(wanted, {name: settings[name] for name in ("width", "height")})
-        size = wanted.crop[2:] if wanted.crop else (wanted.width, wanted.height)
-        check_film_size(output, *size)
-
-
-class _Watch:
-    """A progress function for one or more pictures: shows a bar, and stops at a signal.
-
-    count: of pictures in all. done: how many of them there are.
-    """
-
-    def __init__(self) -> None:
-        self.count, self.done = 1, 0
-        self._samples = self._rays = 0
-        self._seconds = 0.0
-        self._report: ProgressCallback | None = None
-        self._stop: list[int] = []
-
-    def __call__(self, state: Progress) -> bool:
-        if self._report is not None:
-            self._report(
-                replace(
-                    state,
-                    samples=self._samples + state.samples,
-                    total_samples=self.count * state.total_samples,
-                    rays=self._rays + state.rays,
-                    seconds=self._seconds + state.seconds,
-                )
-            )
-        return bool(self._stop)
-
-    def add(self, image: Image) -> None:
-        """Counts a picture that is there."""
-        self.done += 1
-        self._samples += image.stats.samples
-        self._rays += image.stats.rays
-        self._seconds += image.stats.seconds
-
-    @contextmanager
-    def watching(self, quiet: bool) -> Iterator[None]:
-        """Shows a bar and minds signals in the block."""
-        with ExitStack() as stack:
-            self._stop = stack.enter_context(_interrupts())
-            if not quiet:
-                from ..progress import bar
-
-                self._report = stack.enter_context(bar())
-            yield
 
 
 def _stem(scene: str | None) -> str:
@@ -363,29 +325,24 @@ def _summary(image: Image) -> str:
 
     stats, (height, width) = image.stats, image.pixels.shape[:2]
     seconds = max(stats.seconds, 1e-6)
+    error = "" if stats.error is None else f", error {100 * stats.error:.2g} %"
     return (
-        f"{width}x{height}, {image.settings.spp} spp in {stats.seconds:.2f} s"
+        f"{width}x{height}, {image.told_spp()}{error} in {stats.seconds:.2f} s"
         f" ({si(stats.samples / seconds)}samples/s, {si(stats.rays / seconds)}rays/s,"
         f" {stats.threads} thread{'s' * (stats.threads != 1)}, {stats.isa})"
     )
 
 
-@contextmanager
-def _interrupts() -> Iterator[list[int]]:
-    """A list that is no longer empty once SIGINT or SIGTERM has come; a second one ends at once."""
-    stop: list[int] = []
-
-    def note(number: int, _frame: Any) -> None:
-        stop.append(number)
-        if len(stop) > 1:
-            raise KeyboardInterrupt
-
-    old = {s: signal.signal(s, note) for s in (signal.SIGINT, signal.SIGTERM)}
+def seconds(text: str) -> float:
+    """Seconds of 90, 90s, 1.5m or 2h."""
+    unit = {"s": 1.0, "m": 60.0, "h": 3600.0}.get(text[-1:])
     try:
-        yield stop
-    finally:
-        for number, handler in old.items():
-            signal.signal(number, handler)
+        number = float(text if unit is None else text[:-1]) * (unit or 1.0)
+    except ValueError:
+        number = math.nan
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}: a time such as 90, 90s, 15m or 2h is needed")
+    return number
 
 
 def _color(text: str) -> tuple[float, float, float]:

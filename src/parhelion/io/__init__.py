@@ -40,7 +40,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FormatError, SceneError, option, unknown_name
-from ..scene import Scene
+from ..scene import Scene, Source
 
 # suffix -> module; the one list that a new format is added to
 FORMATS: dict[str, str] = {
@@ -178,8 +178,10 @@ def load(
     scene = read(module, file, options)
     from ..studio import dressed
 
+    values = ((f, getattr(options, f.name)) for f in fields(options))
+    given = {f.name: value for f, value in values if value != _default(f)}
     return dressed(
-        scene,
+        scene.replace(source=Source(os.path.abspath(file), given)),
         view=options.view,
         environment=options.environment,
         ground=options.ground,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import FormatError, SceneError, option
-from ..framing import hull, subject
+from ..framing import hull, placed, subject
 from ..particles import Labels, Particles, neighbour_distance, swatches, to_scene
 from ..scene import (
     Camera,
@@ -58,11 +59,12 @@ def load_frames(
 ) -> Frames:
     """The frames of a trajectory, or of an animated scene, as scenes.
 
-    frames: which, as a slice of Python's, or written as one: "10:", ":100:5", "::-1", or "all". Of
-    a trajectory frames are counted from 0. Of USD the numbers are time codes and of glTF seconds,
-    which need not be whole nor positive; what is left out are the file's first and last time, both
-    included, and steps of one time code, or of 1 / fps seconds. options: as of load(), but for
-    `frame` and `time`. fps: pictures a second; None for the file's speed, and 30 where it has none.
+    frames: which, as a slice of Python's, or written as one: "10:", ":100:5", "::-1", or "all"; or
+    as "1..240" or "1..240..2", with both ends. Of a trajectory frames are counted from 0. Of USD
+    the numbers are time codes and of glTF seconds, which need not be whole nor positive; what is
+    left out are the file's first and last time, both included, and steps of one time code, or of
+    1 / fps seconds. options: as of load(), but for `frame` and `time`. fps: pictures a second; None
+    for the file's speed, and 30 where it has none.
 
     The file is read once here, for what all frames have in common, and again when the scenes are
     asked for; one frame at a time is in memory.
@@ -136,16 +138,20 @@ class Frames(ABC):
     """Scenes of a file's frames, made one by one when they are asked for; load_frames() makes it.
 
     numbers: of a trajectory's frames, from 0, or an animation's times, in the order of the scenes.
-    fps: pictures a second at which they have the file's speed, or that which was asked for.
-    sampled: whether it is by that rate, rather than by the file, that there are so many. settings:
-    of the first scene, which all have.
+    file_numbers: those that files of pictures have: of "1..240" the same, if they are whole, so
+    that other ranges of the same frames give files that fit; else from 1 on. fps: pictures a second
+    at which they have the file's speed, or that which was asked for. sampled: whether it is by that
+    rate, rather than by the file, that there are so many. look: a hash of what was chosen for all
+    of them, which more frames may change. settings: of the first scene, which all have.
 
     All have the camera that shows every one of them whole, unless the file has its own, and the
     light, ground and, unless the options say otherwise, radii and range of colours that go with it.
     """
 
     numbers: Sequence[Any]
+    file_numbers: Sequence[int]
     fps: float
+    look: str
     sampled = False
     settings = Settings()
     legend: ColorBar | Swatches | None = None
@@ -153,9 +159,13 @@ class Frames(ABC):
     def __len__(self) -> int:
         return len(self.numbers)
 
-    @abstractmethod
     def __iter__(self) -> Iterator[Scene]:
         """The scenes, each read when it is asked for."""
+        return self.scenes(range(len(self)))
+
+    @abstractmethod
+    def scenes(self, places: Iterable[int]) -> Iterator[Scene]:
+        """Some of the scenes, by their places among all, from 0 on; the others are not read."""
 
 
 class ParticleFrames(Frames):
@@ -169,7 +179,7 @@ class ParticleFrames(Frames):
         frames: str | slice,
         fps: float | None,
     ) -> None:
-        which = _slice(frames)
+        choose = _chooser(frames)
         self.fps = FPS if fps is None else fps
         self._opened, self._name = opened, name
         self._radius: float | None = None
@@ -179,9 +189,10 @@ class ParticleFrames(Frames):
         kinds: dict[str, Vec3] = {}
         first: Scene | None = None
         with opened() as trajectory:
-            self.numbers = range(trajectory.count)[which]
+            self.numbers = choose(trajectory.count)
             if not self.numbers:
-                raise SceneError(f"of {trajectory.count} frames none is in {_written(which)}")
+                raise SceneError(f"of {trajectory.count} frames none is in {_written(frames)}")
+            self.file_numbers = self.numbers if _inclusive(frames) else _from_one(self)
             for number in sorted(self.numbers):
                 particles = trajectory.read(number)
                 if first is None and _touching(particles, options):
@@ -206,10 +217,11 @@ class ParticleFrames(Frames):
             legend = swatches(legend.label, kinds)
         self.legend = legend
         self._stage = _stage(first, reach, options, lit=True).replace(legend=legend)
+        self.look = _hash(self._stage, self._options.color_range, self._radius, self._names)
 
-    def __iter__(self) -> Iterator[Scene]:
+    def scenes(self, places: Iterable[int]) -> Iterator[Scene]:
         with self._opened() as trajectory:
-            for number in self.numbers:
+            for number in (self.numbers[place] for place in places):
                 if number >= trajectory.count:
                     raise SceneError("has become shorter while it was read")
                 particles = self._alike(trajectory.read(number))
@@ -257,6 +269,9 @@ class _Animation(Frames):
         with reading(file):
             self._timeline: Timeline = module.timeline(file, options)
         step, self.numbers = _times(file, self._timeline, frames, FPS if fps is None else fps)
+        whole = [round(time) for time in self.numbers]
+        exact = all(abs(a - b) < _NEAR for a, b in zip(whole, self.numbers, strict=True))
+        self.file_numbers = whole if exact and _inclusive(frames) else _from_one(self)
         self.sampled = step is None
         seconds = 1.0 / FPS if step is None else abs(step) / self._timeline.per_second
         self.fps = fps if fps is not None else min(max(1.0 / seconds, _LEAST_FPS), _MOST_FPS)
@@ -278,11 +293,14 @@ class _Animation(Frames):
             self._own_background = False
         if first.camera is None and bare:
             first = first.replace(camera=framing(up_of(first)))
-        self._stage = _stage(first, reach, options, lit, glow, stands)
+        stage = self._stage = _stage(first, reach, options, lit, glow, stands)
+        if self._own_camera and isinstance(first.camera, Camera):
+            stage = stage.replace(camera=None)
+        self.look = _hash(stage.replace(background=None) if self._own_background else stage)
 
-    def __iter__(self) -> Iterator[Scene]:
+    def scenes(self, places: Iterable[int]) -> Iterator[Scene]:
         stage = self._stage
-        for time in self.numbers:
+        for time in (self.numbers[place] for place in places):
             scene = self._read(time)
             own = self._own_camera and isinstance(scene.camera, Camera)
             yield scene.replace(
@@ -325,6 +343,14 @@ def _stage(
         camera = replace(camera, shapes=(about,))
     shapes = tuple(shape for shape in stage.shapes if shape is not about)
     return stage.replace(camera=camera, shapes=shapes)
+
+
+def _hash(stage: Scene, *others: Any) -> str:
+    """Of a scene for all frames: its camera for pictures of its settings, light and ground."""
+    settings = stage.settings
+    camera = stage.camera and placed(stage, settings.width / settings.height)
+    seen = camera, stage.background, stage.shapes, settings, *others
+    return hashlib.sha256(repr(seen).encode()).hexdigest()
 
 
 def _labels(particles: Particles) -> dict[str, Labels]:
@@ -420,22 +446,53 @@ def _known() -> list[str]:
     ]
 
 
-def _slice(frames: str | slice) -> slice:
-    """The slice that is written. Raises SceneError for anything else."""
+def _inclusive(frames: str | slice) -> bool:
+    """Whether a range is written with both its ends: 1..240 or 1..240..2."""
+    return isinstance(frames, str) and ".." in frames
+
+
+def _from_one(frames: Frames) -> range:
+    return range(1, len(frames) + 1)
+
+
+def _parts(frames: str | slice) -> list[Any]:
+    """First, last and, if it is given, step of a range, None where one is left out."""
+    if isinstance(frames, slice):
+        return [frames.start, frames.stop, frames.step]
+    text = ":" if frames == "all" else str(frames)
+    return [part.strip() or None for part in text.split(".." if _inclusive(text) else ":")]
+
+
+def _chooser(frames: str | slice) -> Callable[[int], range]:
+    """What makes numbers of frames of how many there are. Raises SceneError for no range."""
+    whole = index if isinstance(frames, slice) else int
     try:
-        if isinstance(frames, slice):
-            given = (frames.start, frames.stop, frames.step)
-            numbers = [None if part is None else index(part) for part in given]
-        else:
-            parts = (":" if frames == "all" else str(frames)).split(":")
-            numbers = [int(part) if part.strip() else None for part in parts]
+        numbers = [None if part is None else whole(part) for part in _parts(frames)]
     except (TypeError, ValueError):
         numbers = []
     if len(numbers) not in (2, 3) or numbers[2:] == [0]:
         raise SceneError(
-            f"{option('frames')} {frames!r}: a slice such as 10:, :100:5 or ::-1 is needed, or all"
+            f"{option('frames')} {frames!r}: a range such as 1..240 or 1..240..2, a slice such as"
+            " 10:, :100:5 or ::-1, or all is needed"
         )
-    return slice(*numbers)
+    if not _inclusive(frames):
+        return lambda count: range(count)[slice(*numbers)]
+    first, last, step = (*numbers, None)[:3]
+    step = 1 if step is None else step
+
+    def chosen(count: int) -> range:
+        ends = [0, count - 1] if step > 0 else [count - 1, 0]
+        for k, end in enumerate((first, last)):
+            if end is not None:
+                ends[k] = end if end >= 0 else count + end
+                if not 0 <= ends[k] < count:
+                    raise SceneError(
+                        f"{option('frames')} {frames}: there is no frame {end}; there are 0 to"
+                        f" {count - 1}"
+                    )
+        return range(ends[0], ends[1] + (1 if step > 0 else -1), step)
+
+    return chosen
 
 
 def _times(
@@ -453,13 +510,13 @@ def _times(
             f"{file}: does not say its first and last time; {option('frames')} needs both, as in"
             " 1:25"
         )
-    whole = end is None  # the last one of the file's is among them
+    whole = end is None or _inclusive(frames)  # the last one of the file's is among them
     if timeline.ends is not None:
         first, last = timeline.ends if step > 0.0 else timeline.ends[::-1]
         begin, end = first if begin is None else begin, last if end is None else end
     assert begin is not None
     assert end is not None
-    shown = _written(frames) if isinstance(frames, slice) else frames
+    shown = _written(frames)
     for name, number in (("first time", begin), ("last time", end), ("step of time", step)):
         if not isfinite(number):
             raise FormatError(f"{file}: its {name} is {number}")
@@ -475,12 +532,8 @@ def _times(
 
 def _range(frames: str | slice, unit: str) -> tuple[float | None, float | None, float | None]:
     """First, last and step of a range of times. Raises SceneError for anything else."""
-    if isinstance(frames, slice):
-        parts: list[Any] = [frames.start, frames.stop, frames.step]
-    else:
-        parts = [p.strip() or None for p in (":" if frames == "all" else str(frames)).split(":")]
     numbers: list[float | None] = []
-    for part in parts:
+    for part in _parts(frames):
         try:
             numbers.append(None if part is None else float(part))
         except (TypeError, ValueError, OverflowError):
@@ -488,13 +541,15 @@ def _range(frames: str | slice, unit: str) -> tuple[float | None, float | None, 
     wrong = [x for x in numbers if x is not None and not isfinite(x)]
     if wrong or len(numbers) not in (2, 3) or numbers[2:] == [0.0]:
         raise SceneError(
-            f"{option('frames')} {frames!r}: a range of {unit} such as 10:, :100:5 or 1:2:0.5 is"
-            " needed, or all"
+            f"{option('frames')} {frames!r}: a range of {unit} such as 1..240, 10:, :100:5 or"
+            " 1:2:0.5 is needed, or all"
         )
     begin, end, step = (*numbers, None)[:3]
     return begin, end, step
 
 
-def _written(which: slice) -> str:
+def _written(which: str | slice) -> str:
+    if not isinstance(which, slice):
+        return ":" if which == "all" else which
     parts = [which.start, which.stop] + ([which.step] if which.step is not None else [])
     return ":".join("" if part is None else str(part) for part in parts)

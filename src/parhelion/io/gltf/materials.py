@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import scene
-from ...image import srgb_encoded
+from ...display import srgb_encoded
 from . import schema
 from .images import Color, Images, in_bands, linear, times, to_bytes
 from .source import Source

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import tables
-from ...image import encoded, encoded_bytes, is_encoded, read_pixels, srgb_encoded
+from ...display import srgb_encoded
+from ...image import encoded, encoded_bytes, is_encoded, read_pixels
 from ...scene import Material, Texture
 from ..files import Reports
 from .building import Builder, text

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from ... import tables
 from ...atomic import replacing
+from ...display import srgb_encoded
 from ...errors import SceneError
 from ...framing import bounds, placed
-from ...image import srgb_encoded
 from ...scene import (
     Camera,
     Curves,

@@ -513,6 +513,14 @@ class Settings(Struct, forbid_unknown_fields=True):
         Color | None,
         _doc("linear RGB that the camera sees where there is nothing; null: the light"),
     ] = model.Settings.backdrop
+    noise: Annotated[
+        Positive | None,
+        _doc("how far pixels may be off, as a share of their brightness; spp is then the most"),
+    ] = model.Settings.noise
+    clamp_indirect: Annotated[
+        Positive | None,
+        _doc("the most that light brings to a sample after more than one scattering; darkens"),
+    ] = model.Settings.clamp_indirect
 
 
 class Document(Struct, forbid_unknown_fields=True):

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ... import tables
 from ...atomic import replacing
+from ...display import srgb_encoded
 from ...errors import SceneError, unknown_name
 from ...framing import is_even
-from ...image import srgb_encoded
 from ...scene import Instances, Material, Mesh, Scene, Shape, Spheres, Texture
 from ..files import Reports
 

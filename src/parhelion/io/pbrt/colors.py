@@ -148,10 +148,17 @@ def _unit(color: Color) -> Color:
 
 
 def _peak(temperature: float) -> float:
-    """The largest radiance of a blackbody, W / (m^2 sr nm): Planck's law at Wien's wavelength."""
-    metres = 2.897771955e-3 / temperature
-    power = 1.191042972e-16 / metres**5 / math.expm1(1.438776877e-2 / 2.897771955e-3)
-    return power * 1e-9
+    """The largest radiance of a blackbody, W / (m^2 sr nm): Planck's law at Wien's wavelength.
+
+    Raises SceneError for a temperature at which that is beyond numbers.
+    """
+    waves = temperature / 2.897771955e-3  # per metre
+    power = 1.191042972e-25 / math.expm1(1.438776877e-2 / 2.897771955e-3)
+    for _ in range(5):  # as a power it would be an OverflowError
+        power *= waves
+    if not 0.0 < power < math.inf:
+        raise SceneError(f"a black body of {temperature:g} K has no radiance that can be told")
+    return power
 
 
 def refraction(item: Item, parameter: Parameter) -> tuple[float, float]:

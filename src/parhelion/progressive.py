@@ -1,0 +1,232 @@
+"""Sampling in rounds: until every pixel has its samples, the noise is low enough or time is up.
+
+What a pixel shows is a function of how many samples it has. How many it gets is decided between
+rounds, from sums that are the same on every machine: so are the decisions, and a rendering that was
+killed and resumed ends with the same bits.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .progress import Progress, ProgressCallback
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+# Seconds that one pass over the picture should take: it can be stopped in between, and each makes
+# the whole picture a little better.
+PASS_SECONDS = 0.25
+
+# Standard errors on either side of the truth within which 95 of 100 means of many samples lie.
+CONFIDENCE = 1.96
+
+# Samples per pixel before anybody asks for noise: what shows none by then gets no more, so this has
+# to be more than a glance.
+FIRST_ROUND = 16
+
+# Tiles that each thread should find, at least, so that all end at about the same time.
+_TILES = 8
+
+# Samples per pixel where the noise or the time alone is to end it: more than anybody waits for, and
+# the film's sums have room for them.
+MOST_SAMPLES = 1 << 24
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """When to stop, whichever is first. spp: samples per pixel. noise: what block_errors() must not
+    be above, or None. deadline: as of time.perf_counter(), or None. counts: samples of each pixel,
+    (H, W) uint32, in the place of spp and noise.
+    """
+
+    spp: int
+    noise: float | None = None
+    deadline: float | None = None
+    counts: NDArray[np.uint32] | None = None
+
+    @property
+    def first_round(self) -> int:
+        """Samples per pixel before the noise is looked at."""
+        return self.spp if self.noise is None else min(FIRST_ROUND, self.spp)
+
+
+@dataclass(frozen=True)
+class Work:
+    """How samples are taken; the picture does not depend on it."""
+
+    threads: int
+    tile: int
+    schedule: str
+    isa: str
+
+
+@dataclass
+class Spent:
+    """What a rendering took so far; seconds of the wall clock."""
+
+    samples: int = 0
+    rays: int = 0
+    seconds: float = 0.0
+
+
+class Rendering:
+    """A film on its way to a goal.
+
+    done, targets: samples per pixel that each block of the film has, and is to have before the next
+    decision, uint32; of each pixel, if the goal is. spent: what it took. A resumed one begins with
+    what these were. error: of the picture, by the last look at it; None before.
+    """
+
+    def __init__(self, film: Any, core: Any, view: Any, goal: Goal, work: Work) -> None:
+        self.film, self.goal = film, goal
+        if goal.counts is None:
+            self.areas = block_areas(film)
+            self.targets = np.full(self.areas.shape, goal.first_round, np.uint32)
+        else:
+            self.areas = np.ones(goal.counts.shape, np.int64)
+            self.targets = goal.counts
+        self.done = np.zeros_like(self.targets)
+        self.spent = Spent()
+        self.error: float | None = None
+        self._core, self._view, self._work = core, view, work
+        each = goal.spp if goal.counts is None else goal.counts
+        self._expected = float((self.areas * each).sum())  # samples in all
+        self._report: ProgressCallback | None = None
+        self._save: Callable[[], None] | None = None
+        self._interval = self._next_save = 0.0
+        self._ended: str | None = None
+
+    def save_every(self, seconds: float, save: Callable[[], None]) -> None:
+        """Has `save` called now and then, when the film stands still and can be read."""
+        self._save, self._interval = save, seconds
+        self._next_save = time.perf_counter() + seconds
+
+    def run(self, report: ProgressCallback | None) -> str:
+        """Samples until the goal is reached, and returns what ended it: "spp", "noise", "time", or
+        "stopped", when the report returned something true.
+        """
+        goal, self._report, self._ended = self.goal, report, None
+        if goal.counts is None:  # a resumed one may have another goal than it began with
+            self.targets = np.clip(self.targets, goal.first_round, goal.spp).astype(np.uint32)
+        watched = bool(report or self._save or goal.deadline is not None)
+        size = 1 if watched else goal.spp
+        while self._ended is None:
+            while (self.done < self.targets).any() and self._ended is None:
+                before = time.perf_counter()
+                aims = np.minimum(self.targets, self.done + np.uint32(size))
+                if self._pass(aims):
+                    self.done, seconds = np.maximum(self.done, aims), time.perf_counter() - before
+                    size = min(
+                        max(1, int(size * PASS_SECONDS / max(seconds, 1e-6))), 8 * size, goal.spp
+                    )
+                if self._save is not None and time.perf_counter() >= self._next_save:
+                    self._save()
+                    self._next_save = time.perf_counter() + self._interval
+            if goal.noise is None:
+                self._ended = self._ended or "spp"
+            else:
+                self._look(goal.noise)
+        return self._ended
+
+    def _look(self, noise: float) -> None:
+        """Tells the error, and sets new targets or, where nothing is left to do, ends it."""
+        errors = block_errors(self.film)
+        self.error = picture_error(self.film)
+        more = (errors > noise) & (self.targets < self.goal.spp)
+        if self._ended is not None:
+            return
+        if not more.any():
+            self._ended = "noise" if (errors <= noise).all() else "spp"
+            return
+        needed = np.where(more, self.targets * (errors / noise) ** 2, self.targets)
+        self._expected = float((np.minimum(needed, self.goal.spp) * self.areas).sum())
+        self.targets[more] = np.minimum(next_round(self.targets[more]), self.goal.spp)
+
+    def _pass(self, targets: NDArray[np.uint32]) -> bool:
+        """Brings the film to some targets; False if that was broken off."""
+        start, before, work = time.perf_counter(), self.spent, self._work
+        edge, pixels = work.tile, self.areas[targets > self.done].sum()
+        while edge > 1 and edge * edge * _TILES * work.threads > pixels:  # few are left
+            edge //= 2
+
+        def tick(samples: int, rays: int) -> bool:
+            now = time.perf_counter()
+            self.spent = Spent(
+                before.samples + samples, before.rays + rays, before.seconds + now - start
+            )
+            if self._ended is None and self._report is not None:
+                spent = self.spent
+                expected = max(int(self._expected), spent.samples)
+                left = None if self.goal.deadline is None else max(0.0, self.goal.deadline - now)
+                state = Progress(
+                    spent.samples, expected, spent.rays, spent.seconds, self.error, left
+                )
+                if self._report(state):
+                    self._ended = "stopped"
+            if self._ended is None and self.goal.deadline is not None and now > self.goal.deadline:
+                self._ended = "time"
+            return self._ended is not None or (self._save is not None and now >= self._next_save)
+
+        samples, rays, complete = self.film.render(
+            self._core,
+            self._view,
+            targets,
+            threads=work.threads,
+            tile=edge,
+            schedule=work.schedule,
+            isa=work.isa,
+            tick=tick,
+        )
+        tick(samples, rays)
+        return bool(complete)
+
+
+def next_round(samples: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Samples per pixel after which the noise is looked at again: 16, 24, 32, 48, 64, 96, ..., by
+    which no block gets more than half as many again as it needs.
+    """
+    power = np.uint32(1) << (np.frexp(samples)[1] - 1).astype(np.uint32)  # the largest in it
+    half = power + power // 2
+    following: NDArray[np.uint32] = np.maximum(
+        samples + np.uint32(1), np.where(samples < half, half, np.uint32(2) * power)
+    )
+    return following
+
+
+def block_areas(film: Any) -> NDArray[np.int64]:
+    """Pixels in each block of a film, (blocks down, blocks across)."""
+    from . import _core
+
+    heights, widths = (
+        np.minimum(_core.block, side - np.arange(0, side, _core.block))
+        for side in (film.height, film.width)
+    )
+    areas: NDArray[np.int64] = np.outer(heights, widths)
+    return areas
+
+
+def block_errors(film: Any) -> NDArray[np.float64]:
+    """How far the pixels of each block may be from what infinitely many samples would show.
+
+    (blocks down, blocks across): within 95 % confidence, as a share of a pixel's brightness, the
+    root mean square over the block or, where that is more, over it and the eight around it. Those
+    tell what the few pixels of one block may not have seen yet, such as the rare and bright.
+    """
+    own = film.errors()
+    padded = np.pad(own, 1, mode="edge")
+    down, across = own.shape
+    around = sum(padded[i : i + down, j : j + across] for i in range(3) for j in range(3)) / 9
+    errors: NDArray[np.float64] = CONFIDENCE * np.sqrt(np.maximum(own, around))
+    return errors
+
+
+def picture_error(film: Any) -> float:
+    """The root mean square of block_errors() without the surroundings, over all pixels."""
+    areas = block_areas(film)
+    return float(CONFIDENCE * np.sqrt((film.errors() * areas).sum() / areas.sum()))
