@@ -20,9 +20,9 @@ from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import ParhelionError, spelled
-from . import convert, info, render, study
+from . import compare, convert, image, info, render, study
 
-COMMANDS = (render, convert, info, study)
+COMMANDS = (render, convert, image, compare, info, study)
 
 EXIT_MISTAKE = 2
 EXIT_INTERRUPTED = 130
