@@ -1,0 +1,178 @@
+"""Pictures made again from what they say of themselves."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .denoise import without_guides
+from .display import told_display
+from .errors import FormatError, SceneError
+from .image import COMPRESSIONS, COUNTS, Image, unpacked_counts
+from .layers import PictureFile
+from .renderer import prepare, render
+from .scene import Camera, Scene, Settings, Source
+
+if TYPE_CHECKING:
+    from .progress import ProgressCallback
+
+log = logging.getLogger("parhelion")
+
+
+@dataclass(frozen=True)
+class Record:
+    """How a picture file says that it was made. counts: samples of each pixel, (H, W), or of all.
+    save: arguments of Image.save() that make such a file again.
+    """
+
+    path: Path
+    settings: Settings
+    camera: Camera
+    counts: Any
+    scene_hash: str
+    build: str
+    source: Source | None
+    features: bool
+    denoised: bool
+    save: Mapping[str, Any]
+
+    def for_file(self, path: str | os.PathLike[str]) -> dict[str, Any]:
+        """Arguments of Image.save() for a file with that name: all, if its kind is the same."""
+        same = Path(path).suffix.lower() == self.path.suffix.lower()
+        return {
+            k: v for k, v in self.save.items() if same or k not in ("bits", "legend", "compression")
+        }
+
+    def scene(self) -> Scene:
+        """The scene, from where it came from. Raises FormatError where that is not told."""
+        from .builtin import weekend
+        from .io import LoadOptions, load
+
+        if self.source is None:
+            raise FormatError(
+                f"{self.path}: does not say where its scene is, which was made in Python or is one"
+                " of a sequence; give the scene"
+            )
+        try:
+            options = _tuples(self.source.options)
+            if self.source.path is None:
+                return weekend(**options)
+            read_as = LoadOptions(**options)
+        except TypeError as error:
+            raise FormatError(f"{self.path}: tells of options that there are not") from error
+        return load(self.source.path, read_as)
+
+
+def record(path: str | os.PathLike[str]) -> Record:
+    """What a picture file tells. Raises FormatError for one that is none or tells too little."""
+    file = PictureFile(path)
+    told = {key: str(value) for key, value in file.metadata.items()}
+    try:
+        if "parhelion:settings" not in told:  # JPEG has a description alone
+            told = json.loads(told["ImageDescription"])
+        settings = Settings(**_tuples(json.loads(told["parhelion:settings"])))
+        camera = Camera(**_tuples(json.loads(told["parhelion:camera"])))
+        width, height = (settings.crop or (0, 0, settings.width, settings.height))[2:]
+        counts: Any = int(told["parhelion:samples"]) // (width * height)
+        if COUNTS in told:
+            if not told[COUNTS]:
+                raise FormatError(
+                    f"{file.path}: does not say how many samples each pixel has; .exr and .png"
+                    " files do"
+                )
+            counts = unpacked_counts(told[COUNTS], height, width)
+        source = json.loads(told.get("parhelion:source", "null"))
+        main = file.layer()
+        exr = file.path.lower().endswith(".exr")
+        compression = told.get("compression", "").partition(":")[0]
+        laid_out = {"compression": compression} if exr and compression in COMPRESSIONS else {}
+        bits = {"half": 16, "float": 32, "uint16": 16, "uint8": 8}[main.kinds[0]]
+        return Record(
+            path=Path(path),
+            settings=settings,
+            camera=camera,
+            counts=counts,
+            scene_hash=told["parhelion:scene"],
+            build=told["parhelion:build"],
+            source=None if source is None else Source(**source),
+            features="shape" in file.layers,
+            denoised="parhelion:denoised" in told,
+            save={
+                "bits": bits,
+                "legend": "parhelion:legend" in told,
+                **told_display(told),
+                **laid_out,
+            },
+        )
+    except FormatError:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
+        raise FormatError(
+            f"{file.path}: does not tell how it was made, as pictures by Parhelion do"
+        ) from error
+
+
+def rerender(
+    path: str | os.PathLike[str],
+    scene: Scene | Any = None,
+    *,
+    threads: int = 0,
+    progress: ProgressCallback | bool | None = None,
+) -> Image:
+    """Makes a picture again: the same pixels, to the last bit.
+
+    scene: in the place of what the file says. Raises FormatError for a file that does not tell how
+    it was made, and SceneError for a scene that is not, or no longer, the one it was made of.
+    """
+    made = record(path)
+    return remade(made, scene, threads=threads, progress=progress)
+
+
+def remade(
+    made: Record,
+    scene: Scene | Any = None,
+    *,
+    threads: int = 0,
+    progress: ProgressCallback | bool | None = None,
+) -> Image:
+    """As rerender(), of what a file was read to tell."""
+    from . import _core
+
+    prepared = prepare(made.scene() if scene is None else scene)
+    if prepared.flat.sha256() != made.scene_hash:
+        raise SceneError(
+            f"{made.path}: was made of another scene than"
+            f" {prepared.scene.name!r}, or that has changed since"
+        )
+    if made.build != _core.sources:
+        log.warning("%s: was made by another build of Parhelion; bits may differ", made.path)
+    s = made.settings
+    size = (s.crop or (0, 0, s.width, s.height))[:1:-1]
+    image = render(
+        prepared,
+        camera=made.camera,
+        threads=threads,
+        progress=progress,
+        features=made.features or made.denoised,
+        counts=np.broadcast_to(np.asarray(made.counts, np.uint32), size),
+        **vars(s),
+    )
+    if made.denoised and image.stats.complete:
+        image = image.denoised()
+    if not made.features:
+        image = replace(image, features=without_guides(image.features))
+    return image
+
+
+def _tuples(values: Any) -> dict[str, Any]:
+    """A JSON object with tuples in the place of lists. Raises TypeError for anything else."""
+    if not isinstance(values, dict):
+        raise TypeError
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
