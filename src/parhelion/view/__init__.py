@@ -1,0 +1,1 @@
+"""Looking at a scene while it is rendered: a session that knows of no web, and its front ends."""

@@ -1,0 +1,89 @@
+"""A session in a notebook's cell: the page of `parhelion view` as a widget (anywidget)."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+from typing import Any
+
+import msgspec
+
+from ..errors import ResourceError
+from .messages import Client, Packer
+from .server import PAGE
+from .session import Session
+
+try:
+    import anywidget
+    import traitlets
+except ImportError:
+    raise ResourceError(
+        "views in notebooks need the package anywidget: pip install anywidget"
+    ) from None
+
+
+class Viewer(anywidget.AnyWidget):
+    """Shows a session. It rests while no cell shows it; close() ends it.
+
+    session: whose camera, parameters and picture are there to be read and changed from Python too.
+    height: of the cell, in pixels of the page.
+    """
+
+    _esm = PAGE / "view.js"
+    _css = PAGE / "view.css"
+    height = traitlets.Int(560).tag(sync=True)
+
+    def __init__(self, session: Session, *, height: int = 560) -> None:
+        super().__init__(height=height)
+        self.session = session
+        session.rest(True)
+        self._due = threading.Event()
+        self._over = False
+        self._cells = 0
+        self._packer = Packer(session)
+        self._client: Client | None = None
+        self.on_msg(self._hear)
+        self._thread = threading.Thread(target=self._tell, name="parhelion-notebook", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the session, and takes the widget out of its cells."""
+        self._over = True
+        self._due.set()
+        if self._client is not None:
+            self._client.close()
+        self.session.close()
+        super().close()
+
+    def _hear(self, _widget: Any, message: Any, _buffers: Any) -> None:
+        kind = message.get("type") if isinstance(message, dict) else None
+        if kind == "hello":
+            # a cell more: told everything again, as each message goes to all cells
+            if self._client is not None:
+                self._client.close()
+            self._client = Client(self.session, self._packer, self._due.set)
+            self._cells += 1
+            self.session.rest(False)
+            self._due.set()
+        elif kind == "goodbye":
+            self._cells = max(0, self._cells - 1)
+            self.session.rest(self._cells == 0)
+        elif self._client is not None:
+            later = self._client.receive(json.dumps(message))
+            if later is not None:
+                threading.Thread(target=later, name="parhelion-request", daemon=True).start()
+
+    def _tell(self) -> None:
+        while True:
+            self._due.wait()
+            self._due.clear()
+            while not self._over and self._client is not None:
+                message = self._client.take()
+                if message is None:
+                    break
+                header, data = message
+                with contextlib.suppress(RuntimeError, OSError):  # the kernel is going down
+                    self.send(msgspec.to_builtins(header), [data] if data else [])
+            if self._over:
+                return

@@ -1,0 +1,936 @@
+"""A scene that is being looked at: a thread that renders what is asked for now, and better and
+better while nothing else is asked for.
+
+Nothing here knows of networks or pages. Whoever shows the pictures subscribes to be told of new
+ones; requests may come from any thread and return at once.
+"""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import math
+import threading
+import time
+import weakref
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from .. import machine, memory
+from ..denoise import check_denoiser, denoised, finite, guides_of
+from ..display import Display
+from ..errors import ParhelionError, ResourceError, SceneError, option, unknown_name
+from ..flatten import Flat
+from ..framing import placed
+from ..image import Image, RenderStats
+from ..progressive import block_errors, picture_error
+from ..renderer import (
+    ERROR_BYTES,
+    FEATURE_BYTES,
+    PIXEL_BYTES,
+    Prepared,
+    make_view,
+    merged,
+    prepare,
+    surface_features,
+)
+from ..scene import Camera, Framing, Scene, Settings, Vec3
+from .layers import LAYERS, PICTURE, needs_features, shown
+from .parameters import Parameters
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+log = logging.getLogger("parhelion")
+
+# "frame": there is a new picture, or the same one is to be shown otherwise. "state": something that
+# state() tells has changed. "values": parameters have changed. "scene": all that outline() tells.
+Event = Literal["frame", "state", "values", "scene"]
+
+# Seconds that the first, coarse picture after a change may take to render: of the 300 ms in which
+# it is to be seen, the rest is for the one that was under way, for packing and for the way; and a
+# camera that is dragged is seen to move some fifteen times a second.
+FIRST_SECONDS = 0.05
+# After so many it is given up for a coarser one: it shows something far more expensive than before.
+LATE_SECONDS = 0.2
+# Samples a second of a scene that nothing is known of yet: a few thousand pixels come first.
+UNKNOWN_RATE = 5e4
+# Seconds that a pass may take: in the beginning, and later, when pictures change less.
+SHORTEST_PASS, LONGEST_PASS = 0.15, 1.5
+# After so many a pass shows what it has come to, where each pixel has a sample already.
+LATE_PASS = 3.0
+# Seconds that placing the camera may take to be done at once (of 1e7 spheres it takes two), and
+# proportions of pictures for which it is remembered.
+QUICK, MOST_HOMES = 0.05, 32
+# Sides of a picture, and pixels in all.
+LARGEST_SIDE, MOST_PIXELS = 8192, 3840 * 2160
+DEFAULT_SPP = 4096
+
+# Those that are open: Python must not end while their threads are within the core.
+_running: weakref.WeakSet[Session] = weakref.WeakSet()
+
+
+@atexit.register
+def _close_all() -> None:
+    for session in list(_running):
+        session.close()
+
+
+Rectangle = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A picture as far as it has come.
+
+    number: counts frames. revision: of the request that it answers. pixels: (H, W, 3) linear light
+    of the part x, y, W, H of a picture of width x height pixels. scale: 1 for the size that was
+    asked for, below for a coarse one. spp: samples in each pixel, some may have more. seconds: of
+    rendering it. latency: from the request to this picture. error: as RenderStats.error, and
+    block_errors of blocks of 8x8 pixels; None for coarse ones and where samples are too few.
+    """
+
+    number: int
+    revision: int
+    pixels: NDArray[np.float32]
+    counts: NDArray[np.uint32]
+    features: Mapping[str, NDArray[Any]]
+    x: int
+    y: int
+    width: int
+    height: int
+    scale: float
+    spp: int
+    seconds: float
+    latency: float
+    samples: int
+    rays: int
+    camera: Camera
+    settings: Settings
+    flat: Flat
+    build_seconds: float
+    error: float | None
+    block_errors: NDArray[np.float64] | None
+
+    @property
+    def rate(self) -> float:
+        """Samples a second."""
+        return self.samples / max(self.seconds, 1e-9)
+
+
+@dataclass(frozen=True)
+class Pick:
+    """What is seen at a place of the picture.
+
+    object, material: their names, and object_index, material_index in the outline; None where there
+    is nothing. position, distance (from the camera), normal: in scene units. depth: the distance
+    along the viewing direction. value: linear RGB of the picture there, None if it has none yet.
+    """
+
+    x: float
+    y: float
+    object: str | None = None
+    object_index: int | None = None
+    material: str | None = None
+    material_index: int | None = None
+    position: Vec3 | None = None
+    normal: Vec3 | None = None
+    distance: float | None = None
+    depth: float | None = None
+    value: Vec3 | None = None
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What is to be rendered; revision counts them."""
+
+    revision: int
+    camera: Camera
+    width: int
+    height: int
+    crop: Rectangle | None
+    features: bool
+    asked: float  # when, by the clock of perf_counter
+
+
+@dataclass
+class _Drawing:
+    """A request's picture under way. failed: it cannot be made; the old one stays."""
+
+    request: _Request
+    scale: float
+    first: bool = True
+    failed: bool = False
+    film: Any = None
+    view: Any = None
+    settings: Settings | None = None
+    place: tuple[int, int, int, int] = (0, 0, 0, 0)
+    done: int = 0  # samples of each pixel
+    size: int = 1  # of the next pass, samples a pixel
+    seconds: float = 0.0
+    samples: int = 0
+    rays: int = 0
+
+
+class Session:
+    """Renders a scene again and again, as it is looked at.
+
+    scene: a Scene, what prepare() makes of one, or anything that scene_of() knows. camera: instead
+    of the scene's. width, height: of the picture in pixels; None for the scene's. spp: samples a
+    pixel after which it rests. threads: 0 for all cores. settings: any other field of Settings.
+
+    Raises SceneError as render() does. Must be closed; a `with` block does.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | Prepared | Any,
+        *,
+        camera: Camera | Framing | None = None,
+        width: int | None = None,
+        height: int | None = None,
+        spp: int = DEFAULT_SPP,
+        threads: int = 0,
+        **settings: Any,
+    ) -> None:
+        prepared = scene if isinstance(scene, Prepared) else prepare(scene)
+        self._changes = {k: v for k, v in settings.items() if v is not None and k != "crop"}
+        self._camera = camera
+        self._condition = threading.Condition()
+        self._scene_lock = threading.RLock()  # held while the core's scene changes or is picked in
+        self._threads = threads or machine.cores_available()
+        self._listeners: list[Callable[[Event], None]] = []
+        self._jobs: deque[tuple[Callable[[], None], Future[None]]] = deque()
+        self._closing = False
+        self._paused = self._resting = False
+        self._moved = False
+        self._error: str | None = None  # of what was reported, and of the picture
+        self._failure: str | None = None
+        self._busy: str | None = None
+        self._layer, self._display, self._denoise = PICTURE, Display(), False
+        self._frame: Frame | None = None
+        self._full: Frame | None = None
+        self._rate = UNKNOWN_RATE
+        self._spp = _whole("spp", spp, 2**23)
+        self._drawing: _Drawing | None = None
+        self._number = 0
+        self._parameters: Parameters
+        self._prepared: Prepared
+        self._settings: Settings
+        self._take(prepared)
+        size = merged(self._settings, {"width": width, "height": height})
+        _check_size(size.width, size.height)
+        _check_memory(size.width, size.height, False)
+        crop = settings.get("crop")
+        self._request = _Request(
+            0, self._home(size.width, size.height), size.width, size.height, None, False, _now()
+        )
+        if crop is not None:
+            x, y, w, h = merged(size, {"crop": crop}).crop or (0, 0, size.width, size.height)
+            part = (x / size.width, y / size.height, w / size.width, h / size.height)
+            self._request = replace(self._request, crop=part)
+        make_view(prepared, self._request.camera, size)  # whose errors are the caller's
+        self._thread = threading.Thread(target=self._run, name="parhelion-session", daemon=True)
+        self._thread.start()
+        _running.add(self)
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # --- Asked from outside ----------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Stops rendering; a prepared scene that was given has its own parameters again."""
+        with self._condition:
+            if self._closing:
+                return
+            self._closing = True
+            self._condition.notify_all()
+        self._thread.join()
+        self._parameters.restore()
+        for _, future in self._jobs:
+            future.cancel()
+
+    def subscribe(self, listener: Callable[[Event], None]) -> Callable[[], None]:
+        """Calls the listener after changes, from whatever thread; it must return at once.
+
+        Returns what ends that.
+        """
+        self._listeners.append(listener)
+
+        def end() -> None:
+            if listener in self._listeners:
+                self._listeners.remove(listener)
+
+        return end
+
+    def look(self, camera: Camera) -> int:
+        """Another camera. Returns the revision that frames of it have, or a later one."""
+        if not isinstance(camera, Camera):
+            raise SceneError(f"camera: a Camera is needed, not {type(camera).__name__}")
+        self._moved = True
+        return self._ask(camera=camera)
+
+    def look_home(self) -> int:
+        """The camera with which it began; returns what look() does."""
+        self._moved = False
+        now = self._request
+        return self._ask(camera=self._home(now.width, now.height))
+
+    def resize(self, width: int, height: int) -> None:
+        """Another size, in pixels. Raises SceneError, and ResourceError if memory is too small."""
+        width, height = _whole("width", width, LARGEST_SIDE), _whole("height", height, LARGEST_SIDE)
+        _check_size(width, height)
+        now = self._request
+        if (width, height) == (now.width, now.height):
+            return
+        _check_memory(width, height, now.features)
+        camera = now.camera
+        if not self._moved and self._placing <= QUICK:
+            camera = self._home(width, height)
+        self._ask(width=width, height=height, camera=camera)
+        if not self._moved and self._placing > QUICK:
+            threading.Thread(target=self._place, args=(width, height), daemon=True).start()
+
+    def crop(self, part: Rectangle | None) -> None:
+        """Only a part: x, y, width, height as shares of the picture, from the top left; None for
+        all.
+        """
+        if part is not None:
+            x, y, w, h = (_share(v) for v in part)
+            w, h = min(w, 1.0 - x), min(h, 1.0 - y)
+            if w * self._request.width < 1.0 or h * self._request.height < 1.0:
+                raise SceneError(f"crop: {part} holds no pixel")
+            part = x, y, w, h
+        self._ask(crop=part)
+
+    def show(
+        self,
+        *,
+        layer: str | None = None,
+        exposure: float | None = None,
+        view_transform: str | None = None,
+        denoise: bool | None = None,
+    ) -> None:
+        """What is shown of the picture, a name in LAYERS, and how: see Display.
+
+        denoise: without its noise, by Open Image Denoise; raises ResourceError where there is none.
+        """
+        if denoise:
+            check_denoiser()
+        changes: dict[str, Any] = {"exposure": exposure, "view_transform": view_transform}
+        display = replace(self._display, **{k: v for k, v in changes.items() if v is not None})
+        if layer is not None and layer not in LAYERS:
+            raise SceneError(unknown_name("layer", layer, LAYERS))
+        layer = layer or self._layer
+        denoise = self._denoise if denoise is None else denoise
+        # those that are there do no harm: the picture itself does not change
+        if (needs_features(layer) or denoise) and not self._request.features:
+            _check_memory(self._request.width, self._request.height, True)
+            self._ask(features=True)
+        self._layer, self._denoise = layer, denoise
+        self._display = display
+        self._tell("frame")
+        self._tell("state")
+
+    def pause(self, paused: bool = True) -> None:
+        """Whether it rests after the first picture of full size of whatever is asked for."""
+        with self._condition:
+            self._paused = bool(paused)
+            self._condition.notify_all()
+        self._tell("state")
+
+    def rest(self, resting: bool) -> None:
+        """The same, of who shows the pictures: nobody looks at them."""
+        with self._condition:
+            self._resting = resting
+            self._condition.notify_all()
+
+    def limit(self, spp: int) -> None:
+        """Samples a pixel after which it rests."""
+        with self._condition:
+            self._spp = _whole("spp", spp, 2**23)
+            self._condition.notify_all()
+        self._tell("state")
+
+    def change(self, kind: str, index: int, name: str, value: Any) -> Future[None]:
+        """Another value for a parameter of a material or light; see Parameters.change.
+
+        What is returned holds the SceneError, if there is one, when it has been done.
+        """
+        return self._do(lambda: self._parameters.change(kind, index, name, value), "values")
+
+    def restore(self) -> Future[None]:
+        """All parameters as they were given."""
+        return self._do(self._parameters.restore, "values")
+
+    def hide(self, objects: Collection[int]) -> Future[None]:
+        """Which objects, by their indices in the outline, are not there: their tree is made again.
+
+        What is returned holds the error, if there is one, when it has been done.
+        """
+        hidden = set(objects)
+        return self._do(lambda: self._hide(hidden), "scene", "building the scene")
+
+    def replace(self, scene: Scene | Prepared | Any) -> Future[None]:
+        """Another scene, as of a file that was changed. The camera stays if the user moved it.
+
+        Checks it and builds its tree in the calling thread. Raises SceneError; the old one stays.
+        """
+        prepared = scene if isinstance(scene, Prepared) else prepare(scene)
+        return self._do(lambda: self._take(prepared), "scene")
+
+    def report(self, error: str | None) -> None:
+        """An error to be told with the state, until it is None."""
+        self._error = error
+        self._tell("state")
+
+    # --- Told ------------------------------------------------------------------------------------
+
+    @property
+    def frame(self) -> Frame | None:
+        """The newest picture; None before the first."""
+        return self._frame
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that was asked for last."""
+        return self._request.camera
+
+    def picture(self, frame: Frame) -> NDArray[np.uint8]:
+        """(H, W, 3) sRGB of a frame, of the layer that is shown, or of the picture until it is
+        there.
+        """
+        layer = self._layer
+        if needs_features(layer) and not frame.features:
+            layer = PICTURE
+        if layer == PICTURE and self._denoise and frame.features:
+            light, guides = finite(frame.pixels)[0], guides_of(frame.features)
+            # the guides' own noise takes four times as long: not while the camera moves
+            whole = frame.scale == 1.0
+            light = denoised(light, *guides, quality="fast", prefilter=whole)
+            frame = replace(frame, pixels=light)
+        return shown(layer, frame, self._display)
+
+    def state(self) -> dict[str, Any]:
+        """What front ends show, as plain values."""
+        now = self._request
+        return {
+            "scene": self._prepared.scene.name,
+            "camera": now.camera,
+            "width": now.width,
+            "height": now.height,
+            "aspect": None if self._framed else self._settings.width / self._settings.height,
+            "crop": now.crop,
+            "layer": self._layer,
+            "exposure": self._display.exposure,
+            "view_transform": self._display.view_transform,
+            "denoise": self._denoise,
+            "paused": self._paused,
+            "spp": self._spp,
+            "moved": self._moved,
+            "error": self._failure or self._error,
+            "busy": self._busy,
+            "reach": self._extent,
+        }
+
+    def outline(self) -> dict[str, Any]:
+        """The scene's objects, materials and lights, as plain values."""
+        with self._scene_lock:
+            flat = self._prepared.flat
+            shapes = flat.parts["groups"][-1]
+            objects = [
+                {
+                    "name": name,
+                    "kind": shape["kind"],
+                    "count": shape["count"],
+                    "visible": i not in self._hidden,
+                    "material": shape["material"]
+                    if "material_of" not in shape and shape["kind"] != "instance"
+                    else None,
+                }
+                for i, (name, shape) in enumerate(zip(flat.object_names, shapes, strict=True))
+            ]
+            return {"objects": objects, **self._parameters.listed()}
+
+    def finished(self, timeout: float = 60.0) -> Frame:
+        """The picture as far as it has come, once it is there in its full size.
+
+        Raises SceneError if it cannot be made, ResourceError if it is not there after so many
+        seconds.
+        """
+        end = time.monotonic() + timeout
+        with self._condition:
+            while self._full is None or self._full.revision != self._request.revision:
+                if self._failure is not None:
+                    raise SceneError(self._failure)
+                left = end - time.monotonic()
+                if left <= 0 or self._closing:
+                    raise ResourceError("the picture is not there yet in its full size")
+                self._condition.wait(min(left, 0.2))
+            return self._full
+
+    def values(self, since: int) -> dict[str, Any]:
+        """The materials and lights that were changed after what was told with that serial."""
+        with self._scene_lock:
+            return self._parameters.listed(since)
+
+    def image(self, timeout: float = 60.0) -> Image:
+        """The same as an Image. Raises what finished() does."""
+        frame, spp = self.finished(timeout), self._spp
+        from .. import _core
+
+        stats = RenderStats(
+            seconds=frame.seconds,
+            samples=frame.samples,
+            rays=frame.rays,
+            threads=self._threads,
+            isa=_core.instruction_set(),
+            ended="spp" if frame.spp >= spp else "stopped",
+            error=frame.error,
+            build_seconds=frame.build_seconds,
+        )
+        settings = replace(frame.settings, spp=frame.spp)
+        legend = self._prepared.scene.legend
+        return Image(
+            pixels=frame.pixels,
+            counts=frame.counts,
+            stats=stats,
+            settings=settings,
+            camera=frame.camera,
+            flat=frame.flat,
+            features=frame.features,
+            legend=legend,
+            source=None if self._hidden else self._prepared.scene.source,
+        )
+
+    def pick(self, x: float, y: float) -> Pick:
+        """What is seen at a place of the picture, in shares of its width and height."""
+        from .. import _core
+
+        x, y = _share(x), _share(y)
+        now = self._request
+        column, row = (
+            min(int(x * now.width), now.width - 1),
+            min(int(y * now.height), now.height - 1),
+        )
+        # the middle of the pixel as a pinhole sees it
+        settings = merged(
+            self._settings,
+            {"width": now.width, "height": now.height, "filter": "box", "max_depth": 1},
+        )
+        camera = replace(now.camera, aperture_radius=0.0)
+        with self._scene_lock:
+            flat, core = self._prepared.flat, self._core
+            view = make_view(replace(self._prepared, core=core), camera, settings)
+            film = _core.Film(column, row, 1, 1, True)
+            _add_samples(film, core, view, 1, 1, None)
+            seen = film.features(1.0 / core.stats()["scale"])
+        value = self._value(x, y)
+        shape = int(seen["shape"][0, 0])
+        if shape < 0:
+            return Pick(x, y, value=value)
+        material = int(seen["material"][0, 0])
+        own = shape - (len(flat.shape_names) - len(flat.object_names))
+        position = np.asarray(seen["position"][0, 0], np.float64)
+        ahead = np.subtract(now.camera.target, now.camera.eye)
+        ahead = ahead / np.linalg.norm(ahead)
+        return Pick(
+            x,
+            y,
+            object=flat.shape_names[shape],
+            object_index=own if own >= 0 else None,
+            material=flat.material_names[material],
+            material_index=material,
+            position=_triple(position),
+            normal=_triple(seen["normal"][0, 0]),
+            distance=float(seen["depth"][0, 0, 0]),
+            depth=float((position - now.camera.eye) @ ahead),
+            value=value,
+        )
+
+    # --- The thread ------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while True:
+            with self._condition:
+                self._condition.wait_for(lambda: self._closing or self._jobs or self._unfinished())
+                if self._closing:
+                    return
+            try:
+                self._work_off()
+                if self._unfinished():
+                    self._step()
+            except ParhelionError as error:
+                self._fail(str(error))
+            except MemoryError:
+                self._fail("not enough memory")
+            except Exception as error:  # an error of ours: told, and the session goes on
+                log.exception("the session's thread")
+                self._fail(f"{type(error).__name__}: {error}")
+
+    def _unfinished(self) -> bool:
+        drawing = self._drawing
+        if drawing is None or drawing.request is not self._request:
+            return True
+        if drawing.failed:
+            return False
+        return (
+            drawing.scale < 1.0
+            or drawing.done == 0
+            or (not (self._paused or self._resting) and drawing.done < self._spp)
+        )
+
+    def _fail(self, error: str) -> None:
+        request = self._request
+        self._drawing = _Drawing(request, 1.0, failed=True)
+        self._failure = error
+        self._tell("state")
+
+    def _step(self) -> None:
+        """One pass."""
+        request = self._request
+        drawing = self._drawing
+        if drawing is None or drawing.request is not request:
+            drawing = self._drawing = _Drawing(request, self._first_scale(request))
+        began = time.perf_counter()
+        if drawing.film is None:
+            self._begin(drawing)
+        first, whole = drawing.first, drawing.done > 0
+        late = began + (LATE_SECONDS if first else LATE_PASS)
+
+        def tick(_samples: int, _rays: int) -> bool:
+            if self._closing or ((first or whole) and time.perf_counter() > late):
+                return True
+            # what is asked for next does not stop the first: else a moving camera shows nothing
+            other = bool(self._jobs) or self._request is not request
+            return not first and (other or (whole and (self._paused or self._resting)))
+
+        last = min(drawing.done + drawing.size, max(self._spp, 1))
+        samples, rays, complete = _add_samples(
+            drawing.film, self._core, drawing.view, last, self._threads, tick
+        )
+        seconds = time.perf_counter() - began
+        if first:
+            measured = max(samples, 1) / seconds
+            # slower is believed at once, faster by and by
+            self._rate = min(measured, math.sqrt(measured * self._rate))
+            if self._rate == UNKNOWN_RATE or self._frame is None:
+                self._rate = measured
+        drawing.seconds += seconds
+        drawing.samples += samples
+        drawing.rays += rays
+        if not complete:
+            if first:  # too much for the time: coarser
+                self._drawing = None
+            elif whole and self._request is request and not self._closing:
+                self._publish(drawing)  # some of it has more samples
+            return
+        drawing.first = False
+        drawing.done = last
+        self._publish(drawing)
+        if drawing.scale < 1.0:
+            scale = 2.0 * drawing.scale
+            fresh = _Drawing(request, 1.0 if scale > 0.7 else scale, first=False)
+            self._drawing = fresh
+        else:
+            wanted = min(max(0.25 * drawing.seconds, SHORTEST_PASS), LONGEST_PASS)
+            size = int(drawing.size * wanted / max(seconds, 1e-6))
+            drawing.size = max(1, min(4 * drawing.size, size))
+
+    def _first_scale(self, request: _Request) -> float:
+        w, h = (request.crop or (0.0, 0.0, 1.0, 1.0))[2:]
+        pixels = max(request.width * w * request.height * h, 1.0)
+        scale = math.sqrt(self._rate * FIRST_SECONDS / pixels)
+        # a little coarser than all is not worth a picture of its own
+        return 1.0 if scale > 0.7 else max(scale, 8.0 / math.sqrt(pixels))
+
+    def _begin(self, drawing: _Drawing) -> None:
+        from .. import _core
+
+        request = drawing.request
+        width = max(1, round(request.width * drawing.scale))
+        height = max(1, round(request.height * drawing.scale))
+        left, top, w, h = request.crop or (0.0, 0.0, 1.0, 1.0)
+        x0, y0 = min(int(left * width), width - 1), min(int(top * height), height - 1)
+        x1 = min(max(math.ceil((left + w) * width - 1e-6), x0 + 1), width)
+        y1 = min(max(math.ceil((top + h) * height - 1e-6), y0 + 1), height)
+        crop = None if request.crop is None else (x0, y0, x1 - x0, y1 - y0)
+        drawing.settings = merged(
+            replace(self._settings, crop=None), {"width": width, "height": height, "crop": crop}
+        )
+        drawing.place = x0, y0, x1 - x0, y1 - y0
+        seen = replace(self._prepared, core=self._core)
+        drawing.view = make_view(seen, request.camera, drawing.settings)
+        drawing.film = _core.Film(*drawing.place, request.features, drawing.scale == 1.0)
+
+    def _publish(self, drawing: _Drawing) -> None:
+        request = drawing.request
+        pixels, counts, _bad = drawing.film.arrays()
+        features: dict[str, Any] = {}
+        if request.features:
+            features = surface_features(drawing.film, self._core, pixels)
+        error, of_blocks = None, None
+        if drawing.scale == 1.0 and drawing.done > 1:
+            of_blocks = block_errors(drawing.film)
+            error = picture_error(drawing.film)
+        self._number += 1
+        assert drawing.settings is not None
+        frame = Frame(
+            number=self._number,
+            revision=request.revision,
+            pixels=pixels,
+            counts=counts,
+            features=features,
+            x=drawing.place[0],
+            y=drawing.place[1],
+            width=drawing.settings.width,
+            height=drawing.settings.height,
+            scale=drawing.scale,
+            spp=drawing.done,
+            seconds=drawing.seconds,
+            latency=time.perf_counter() - request.asked,
+            samples=drawing.samples,
+            rays=drawing.rays,
+            camera=request.camera,
+            settings=drawing.settings,
+            flat=self._flat,
+            build_seconds=self._prepared.seconds,
+            error=error if error is not None and math.isfinite(error) else None,
+            block_errors=of_blocks,
+        )
+        with self._condition:
+            self._frame = frame
+            if drawing.scale == 1.0:
+                self._full = frame
+            self._condition.notify_all()
+        if self._failure is not None:
+            self._failure = None
+            self._tell("state")
+        self._tell("frame")
+
+    # --- What is rendered ------------------------------------------------------------------------
+
+    def _ask(self, **changes: Any) -> int:
+        with self._condition:
+            now = self._request
+            self._request = replace(now, revision=now.revision + 1, asked=_now(), **changes)
+            revision = self._request.revision
+            self._condition.notify_all()
+        self._tell("state")
+        return revision
+
+    def _do(self, job: Callable[[], None], event: Event, busy: str | None = None) -> Future[None]:
+        """Has something done by the thread, between passes; the picture then begins anew."""
+        future: Future[None] = Future()
+
+        def run() -> None:
+            self._busy = busy
+            if busy:
+                self._tell("state")
+            try:
+                with self._scene_lock:
+                    job()
+                    self._flat = self._parameters.flat(self._prepared.flat)
+            finally:
+                self._busy = None
+            self._ask()
+            self._tell(event)
+
+        with self._condition:
+            if self._closing:
+                future.cancel()
+                return future
+            self._jobs.append((run, future))
+            self._condition.notify_all()
+        return future
+
+    def _work_off(self) -> None:
+        while True:
+            with self._condition:
+                if not self._jobs:
+                    return
+                run, future = self._jobs.popleft()
+            try:
+                run()
+            except (ParhelionError, MemoryError) as error:
+                future.set_exception(error)
+                self._tell("state")
+            except BaseException as error:
+                future.set_exception(error)
+                raise
+            else:
+                future.set_result(None)
+
+    def _take(self, prepared: Prepared) -> None:
+        """Makes a scene the one that is looked at."""
+        first = not hasattr(self, "_prepared")
+        settings = merged(prepared.scene.settings, self._changes)
+        self._prepared = prepared
+        self._homes: dict[float, Camera] = {}
+        self._placing = 0.0
+        self._core = prepared.core
+        self._parameters = Parameters(prepared)
+        self._flat = prepared.flat
+        self._hidden: set[int] = set()
+        self._settings = replace(settings, crop=None)
+        self._framed = not isinstance(self._seen(prepared.scene).camera, Camera)
+        self._extent = _extent(prepared)
+        self._error = None
+        if not first and not self._moved:
+            now = self._request
+            self._request = replace(now, camera=self._home(now.width, now.height))
+
+    def _seen(self, scene: Scene) -> Scene:
+        return scene if self._camera is None else scene.replace(camera=self._camera)
+
+    def _home(self, width: int, height: int) -> Camera:
+        """The camera that nobody has moved, for a picture of these proportions."""
+        scene, aspect = self._prepared.scene, width / height
+        known = self._homes.get(aspect)
+        if known is None:
+            began = time.perf_counter()
+            known = placed(self._seen(scene), aspect)
+            self._placing = time.perf_counter() - began
+            if len(self._homes) < MOST_HOMES and scene is self._prepared.scene:
+                self._homes[aspect] = known
+        return known
+
+    def _place(self, width: int, height: int) -> None:
+        """Brings the camera to other proportions, in a thread of its own."""
+        camera = self._home(width, height)
+        now = self._request
+        if not self._moved and (now.width, now.height) == (width, height):
+            self._ask(camera=camera)
+
+    def _hide(self, hidden: set[int]) -> None:
+        from .. import _core
+
+        shapes = self._prepared.flat.parts["groups"][-1]
+        for i in hidden:
+            if not 0 <= i < len(shapes):
+                raise SceneError(f"objects[{i}]: there are {len(shapes)}")
+        if hidden == self._hidden:
+            return
+        changes = self._parameters.changes()
+        if hidden:
+            own = [_emptied(s) if i in hidden else s for i, s in enumerate(shapes)]
+            parts = self._prepared.flat.parts
+            free = memory.free()
+            others = {**parts, "groups": [*parts["groups"][:-1], own]}
+            try:
+                core = _core.Scene(others, None if free is None else free.bytes)
+            except ResourceError as error:
+                assert free is not None
+                less = "while it is made, the tree of all objects is there too"
+                raise memory.refusal(str(error), free, less) from None
+        else:
+            core = self._prepared.core
+        self._parameters.restore()
+        self._core = core
+        self._parameters = Parameters(replace(self._prepared, core=core))
+        for change in changes:
+            self._parameters.change(*change)
+        self._hidden = hidden
+
+    def _value(self, x: float, y: float) -> Vec3 | None:
+        frame = self._frame
+        if frame is None:
+            return None
+        column, row = int(x * frame.width) - frame.x, int(y * frame.height) - frame.y
+        height, width = frame.pixels.shape[:2]
+        if not (0 <= column < width and 0 <= row < height):
+            return None
+        return _triple(frame.pixels[row, column])
+
+    def _tell(self, event: Event) -> None:
+        for listener in tuple(self._listeners):
+            listener(event)
+
+
+def _add_samples(
+    film: Any, core: Any, view: Any, spp: int, threads: int, tick: Any
+) -> tuple[int, int, bool]:
+    """Brings all pixels to so many samples. Samples, rays, and whether it was not stopped."""
+    samples, rays, complete = film.render(
+        core, view, spp, threads=threads, tile=16, schedule="dynamic", isa="", tick=tick
+    )
+    return samples, rays, complete
+
+
+def _emptied(shape: dict[str, Any]) -> dict[str, Any]:
+    """A shape's record without primitives: all indices of others stay as they are."""
+    by_vertex = {"vertices", "normals", "uvs", "tangents"} if "faces" in shape else set()
+    count = shape["count"]
+    empty = dict(shape, count=0)
+    for key, value in shape.items():
+        if (
+            isinstance(value, np.ndarray)
+            and key != "rotation"
+            and key not in by_vertex
+            and value.ndim
+            and len(value) == count
+        ):
+            empty[key] = value[:0]
+    if "attributes" in shape:
+        empty["attributes"] = [
+            dict(a, values=a["values"][:0]) if a["per_face"] else a for a in shape["attributes"]
+        ]
+    return empty
+
+
+def _extent(prepared: Prepared) -> float:
+    """About how large the scene is, in its units, for sliders of lengths."""
+    return float(1.0 / prepared.core.stats()["scale"])
+
+
+def _check_size(width: int, height: int) -> None:
+    """Raises SceneError for a picture that is too large to be looked at."""
+    if width * height > MOST_PIXELS or max(width, height) > LARGEST_SIDE:
+        raise SceneError(f"a picture of {width}x{height} is too large to look at")
+
+
+def _check_memory(width: int, height: int, features: bool) -> None:
+    needed = width * height * (PIXEL_BYTES + ERROR_BYTES + FEATURE_BYTES * features)
+    memory.require(needed, f"looking at {width}x{height} pixels", "a smaller window takes less")
+
+
+def resident() -> int | None:
+    """Bytes of memory that this process takes now; None where the system does not tell."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except (OSError, ValueError, IndexError):
+        return None
+    import resource
+
+    return pages * resource.getpagesize()
+
+
+def _whole(name: str, value: Any, most: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
+        raise SceneError(f"{option(name)} is {value!r}; must be a whole number in [1, {most}]")
+    return value
+
+
+def _share(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 1:
+        raise SceneError(f"{value!r} is no share of the picture; must lie in [0, 1]")
+    return float(value)
+
+
+def _triple(values: Any) -> Vec3:
+    x, y, z = (float(v) for v in values)
+    return x, y, z
+
+
+def _now() -> float:
+    return time.perf_counter()
