@@ -29,13 +29,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import stats
 
-# Chance that a correct renderer fails one comparison.
-SIGNIFICANCE = 0.01
+from parhelion.comparison import (
+    SIGNIFICANCE,
+    BlockTest,
+    block_sums,
+    block_test,
+    side_by_side,
+    standard_errors,
+)
+from parhelion.image import encoded
+from parhelion.layers import PictureFile
 
 # Independent pictures that our noise is measured by. With fewer, Student's tails are so wide at the
 # significance of one pixel that single pixels tell nothing: 7.3 standard errors for 16, 5.9 for 32.
@@ -72,7 +79,9 @@ class Batches:
 
     def blocks(self, weights: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """For each size of block: means, and the variances of those means."""
-        for sums, counts in zip(levels(self.pictures * weights), levels(weights), strict=True):
+        for sums, counts in zip(
+            block_sums(self.pictures * weights), block_sums(weights), strict=True
+        ):
             means = sums / np.maximum(counts, 1)
             yield means.mean(axis=0), means.var(axis=0, ddof=1) / len(means)
 
@@ -88,7 +97,7 @@ class Reference:
     def blocks(self, weights: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """For each size of block: means, and variances for one sample in every pixel."""
         pictures = (self.mean * weights, self.variance * weights, weights)
-        for mean, variance, counts in zip(*map(levels, pictures), strict=True):
+        for mean, variance, counts in zip(*map(block_sums, pictures), strict=True):
             counts = np.maximum(counts, 1)
             yield mean / counts, variance / counts**2
 
@@ -97,31 +106,23 @@ class Reference:
 class Verdict:
     """What a comparison found.
 
-    p: of the whole family of tests. size, block, channel: of its smallest. t: (H, W, C), of single
-    pixels. accepted: share of the pixels whose p passes by itself (Mitsuba asks for 0.9975).
-    ratio: of the mean of ours to the reference's, by channel.
+    test: of all blocks; its scores are t. accepted: share of the pixels whose p passes by itself
+    (Mitsuba asks for 0.9975). ratio: of the mean of ours to the reference's, by channel.
     """
 
-    p: float
-    size: int
-    block: tuple[int, int]
-    channel: int
-    largest_t: float
-    t: np.ndarray
+    test: BlockTest
     accepted: float
     ratio: np.ndarray
 
     @property
     def agrees(self) -> bool:
-        return self.p >= SIGNIFICANCE
+        return self.test.p >= SIGNIFICANCE
 
     def __str__(self) -> str:
-        y, x = (self.size * i for i in self.block)
         ratios = " ".join(f"{r:.4f}" for r in self.ratio)
         return (
-            f"p = {self.p:.3g}; strongest in pixels {x},{y} {self.size}x{self.size}, channel"
-            f" {self.channel}: {self.largest_t:+.1f} standard errors; means {ratios} of the"
-            f" reference's; {100 * self.accepted:.2f} % of the pixels pass"
+            f"{self.test}; means {ratios} of the reference's; {100 * self.accepted:.2f} % of the"
+            " pixels pass"
         )
 
 
@@ -141,51 +142,22 @@ def compare(
     weights = (np.ones(shape[:2]) if weights is None else weights)[..., None]
     total = spp * len(ours.pictures)
     freedom = len(ours.pictures) - 1
-    # of each size of block: its p, and t
-    families: list[tuple[float, np.ndarray]] = []
-    blocks = zip(ours.blocks(weights), reference.blocks(weights), levels(weights), strict=True)
+    scores = []
+    blocks = zip(ours.blocks(weights), reference.blocks(weights), block_sums(weights), strict=True)
     for (x, u), (r, v), counts in blocks:
         if isinstance(reference, Reference):
             u, v = np.maximum(u, v / total), v / reference.samples
-        gap, error = x - r, np.sqrt(u + v + (ROUNDING * r) ** 2)
-        t = np.divide(gap, error, out=np.where(gap != 0, np.inf, 0.0), where=error > 0)
+        t = standard_errors(x - r, np.sqrt(u + v + (ROUNDING * r) ** 2))
         t[counts[..., 0] == 0] = 0.0
-        p = 2.0 * float(stats.t.sf(np.abs(t).max(), freedom))
-        families.append((_of_family(p, t.size), t))
-    level = min(range(len(families)), key=lambda i: families[i][0])
-    smallest, t = families[level]
-    row, column, channel = (int(i) for i in np.unravel_index(np.argmax(np.abs(t)), t.shape))
-    pixels = families[0][1]
-    alpha = -np.expm1(np.log1p(-SIGNIFICANCE) / pixels.size)
+        scores.append(t)
+    test = block_test(scores, lambda t: 2.0 * float(stats.t.sf(t, freedom)))
+    alpha = -np.expm1(np.log1p(-SIGNIFICANCE) / test.each.size)
     sums = [np.sum(m * weights, axis=(0, 1)) for m in (ours.mean, reference.mean)]
     return Verdict(
-        p=_of_family(smallest, len(families)),
-        size=2**level,
-        block=(row, column),
-        channel=channel,
-        largest_t=float(t[row, column, channel]),
-        t=pixels,
-        accepted=float(np.mean(np.abs(pixels) <= stats.t.isf(alpha / 2, freedom))),
+        test=test,
+        accepted=float(np.mean(np.abs(test.each) <= stats.t.isf(alpha / 2, freedom))),
         ratio=np.divide(sums[0], sums[1], out=np.ones(shape[2]), where=sums[1] != 0),
     )
-
-
-def _of_family(smallest: float, count: int) -> float:
-    """Sidak's: the chance that the smallest p of `count` independent tests is this small."""
-    return float(-np.expm1(count * np.log1p(-min(smallest, 1 - 1e-16))))
-
-
-def levels(pictures: np.ndarray) -> Iterator[np.ndarray]:
-    """Sums over blocks of 1, 2x2, 4x4 ... pixels of (..., H, W, C), up to one that holds all.
-
-    Blocks at the right and the bottom may hold fewer.
-    """
-    yield pictures
-    while max(pictures.shape[-3:-1]) > 1:
-        for axis in (-3, -2):
-            pairs = np.arange(0, pictures.shape[axis], 2)
-            pictures = np.add.reduceat(pictures, pairs, axis=axis)
-        yield pictures
 
 
 def render_batches(
@@ -198,14 +170,8 @@ def render_batches(
 
 def read_linear(path: Path) -> np.ndarray:
     """(H, W, 3) float32, the R, G and B of a file that stores linear light."""
-    import OpenImageIO as oiio
-
-    buffer = oiio.ImageBuf(str(path))
-    pixels = buffer.get_pixels(oiio.FLOAT)
-    if buffer.has_error or pixels is None:
-        raise OSError(f"{path}: {buffer.geterror()}")
-    order = [buffer.spec().channelnames.index(name) for name in "RGB"]
-    return np.asarray(pixels)[..., order]
+    file = PictureFile(path)
+    return file.light(file.layer())[0]
 
 
 def mitsuba_reference(scene: Path) -> Reference:
@@ -224,30 +190,11 @@ def to_xyz(rgb: np.ndarray) -> np.ndarray:
     return np.asarray(rgb.astype(np.float64) @ XYZ_OF_RGB.T)
 
 
-def side_by_side(ours: np.ndarray, reference: np.ndarray, path: Path, scale: float = 5.0) -> None:
-    """Writes a PNG: ours, the reference, and `scale` times their difference around middle grey.
+def save_side_by_side(ours: np.ndarray, reference: np.ndarray, path: Path) -> None:
+    """Writes a PNG: ours, the reference, and five times their difference around middle grey.
 
-    All are linear RGB, shown as sRGB with one exposure, which makes the reference's 99th percentile
-    white.
+    All are linear RGB, shown with one exposure, which makes the reference's 99th percentile white.
     """
-    import OpenImageIO as oiio
-
-    exposure = 1.0 / max(float(np.quantile(reference.max(axis=-1), 0.99)), 1e-12)
-    seen = [_srgb(exposure * np.asarray(p, np.float64)) for p in (ours, reference)]
-    difference = np.clip(0.5 + 0.5 * scale * exposure * (ours - reference), 0.0, 1.0)
-    gap = np.ones((ours.shape[0], 2, 3))
-    row = np.concatenate([seen[0], gap, seen[1], gap, difference], axis=1)
-    zoom = max(1, 320 // ours.shape[0])
-    data = np.round(255 * np.kron(row, np.ones((zoom, zoom, 1)))).astype(np.uint8)
-    out = oiio.ImageOutput.create(str(path))
-    assert out is not None, oiio.geterror()
-    out.open(str(path), oiio.ImageSpec(data.shape[1], data.shape[0], 3, oiio.UINT8))
-    out.write_image(np.ascontiguousarray(data))
-    out.close()
-
-
-def _srgb(linear: np.ndarray) -> np.ndarray:
-    from parhelion.image import srgb_encoded
-
-    encoded: Any = srgb_encoded(np.ascontiguousarray(linear, np.float32))
-    return np.asarray(encoded, np.float64)
+    row = side_by_side(ours, reference)
+    zoom = max(1, 320 // row.shape[0])
+    path.write_bytes(encoded(np.kron(row, np.ones((zoom, zoom, 1), np.uint8)), {}, ".png"))

@@ -18,7 +18,8 @@ from conftest import REPOSITORY
 from parhelion import memory, renderer
 from parhelion.flatten import flatten
 from parhelion.framing import bounds
-from parhelion.renderer import Progress, merged
+from parhelion.progress import Progress
+from parhelion.renderer import merged
 from picture_tools import read_picture
 
 ONE = ph.Scene([ph.Spheres([[0, 0, 0]])])
@@ -641,18 +642,20 @@ def test_a_picture_larger_than_memory_is_refused_before_any_is_taken(
     def film(*_: int) -> None:
         pytest.fail("memory was asked for")
 
-    monkeypatch.setattr(memory, "available", lambda: 2**30)
+    monkeypatch.setattr(memory, "free", lambda **_: memory.Free(2**30, "are free"))
     with monkeypatch.context() as patch:
         patch.setattr(_core, "Film", film)
-        with pytest.raises(ph.ResourceError, match=r"65536x65536: it takes 304\.0 GiB, and 1\.0"):
+        with pytest.raises(ph.ResourceError, match=r"65536x65536 takes 304\.0 GiB, and 1\.0"):
             ph.render(ONE, width=65536, height=65536, spp=1)
     # a part of it fits
     image = ph.render(ONE, width=65536, height=65536, spp=1, crop=(40000, 30000, 8, 8))
     assert image.numpy().shape == (8, 8, 3)
-    monkeypatch.setattr(memory, "available", lambda: 8 * 8 * renderer.PIXEL_BYTES - 1)
-    with pytest.raises(ph.ResourceError, match="not enough memory"):
-        ph.render(ONE, width=8, height=8, spp=1)
-    monkeypatch.setattr(memory, "available", lambda: None)
+    prepared = ph.prepare(ONE)
+    little = memory.Free(8 * 8 * renderer.PIXEL_BYTES - 1, "are free")
+    monkeypatch.setattr(memory, "free", lambda **_: little)
+    with pytest.raises(ph.ResourceError, match="not enough memory: a picture of 8x8 takes"):
+        ph.render(prepared, width=8, height=8, spp=1)
+    monkeypatch.setattr(memory, "free", lambda **_: None)
     ph.render(ONE, width=8, height=8, spp=1)
 
 

@@ -28,7 +28,7 @@ import parhelion as ph
 from fuzz.harness import Case
 from fuzz.seeds import READERS
 from parhelion.errors import plain
-from parhelion.image import _reason
+from parhelion.image import reason_of
 
 # Bytes of arrays and texts that refusing a file may take, and seconds: with room for a machine that
 # does something else meanwhile
@@ -428,7 +428,7 @@ def test_a_picture_whose_error_is_no_text() -> None:
     def geterror() -> str:
         return b"channel \xb1".decode()
 
-    assert _reason(geterror) == "it holds bytes that are no text"
+    assert reason_of(geterror) == "it holds bytes that are no text"
 
 
 def test_an_extension_that_is_no_text(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ sys.path.insert(0, str(REPOSITORY))
 
 from bench import charts, instructions  # noqa: E402
 from bench.compare import compare, verdict  # noqa: E402
-from bench.equal import relative_error, seconds_at  # noqa: E402
+from bench.equal import seconds_at  # noqa: E402
 from bench.gallery import SCENES  # noqa: E402
 from bench.measure import alternate  # noqa: E402
 from bench.renderers import luxcore  # noqa: E402
@@ -198,17 +198,6 @@ def test_the_whole_harness_runs_and_its_files_compare(tmp_path: Path, spheres: P
     same = command("bench/compare.py", output, output)
     assert same.returncode == 0, same.stderr
     assert len(same.stdout.splitlines()) == len(result["rows"]) + 1
-
-
-def test_relative_error_by_hand():
-    reference = np.ones((40, 25, 3))
-    picture = reference.copy()
-    picture[3, 4] = 3.0  # (3 - 1)^2 / (1^2 + 0.1^2), in one pixel of a thousand
-    error, trimmed = relative_error(picture, reference)
-    assert error == pytest.approx(4 / 1.01 / 1000)
-    assert trimmed == 0.0
-    # the same in other units of light
-    assert relative_error(7 * picture, 7 * reference)[0] == pytest.approx(error)
 
 
 @pytest.mark.parametrize(

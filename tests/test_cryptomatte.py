@@ -114,11 +114,10 @@ def test_counts_are_those_of_the_samples_one_by_one() -> None:
     ids = np.array([cryptomatte.matte_id(n) for n in prepared.flat.shape_names], np.uint32)
     seen = []
     for sample in range(spp):
-        film = _core.Film(0, 0, 8, 1, True)
+        film = _core.Film(0, 0, 8, 1, True, first=sample)
         film.render(
-            prepared.core, view, sample, sample + 1, threads=1, tile=16, schedule="dynamic",
-            isa="", tick=None,
-        )  # fmt: skip
+            prepared.core, view, 1, threads=1, tile=16, schedule="dynamic", isa="", tick=None
+        )
         shapes, _ = film.mattes(ids, np.zeros(40, np.uint32))
         seen.append(shapes[0, :, 0, 0].copy().view(np.uint32).tolist())
     ranks = ph.render(prepared, spp=spp, features=True).features["CryptoObject"][0]

@@ -86,39 +86,55 @@ def test_a_crop_is_a_piece_of_the_picture(sampler: str, crop: tuple[int, ...]) -
     np.testing.assert_array_equal(part, whole[y : y + height, x : x + width])
 
 
-@pytest.mark.parametrize(
-    "passes",
-    [
-        [(0, 12)],
-        [(0, 1), (1, 12)],
-        [(7, 12), (0, 3), (3, 7)],
-        [(k, k + 1) for k in range(11, -1, -1)],
-    ],
-)
-def test_passes_in_any_order_add_up_to_the_same_bits(passes: list[tuple[int, int]]) -> None:
+@pytest.mark.parametrize("levels", [(12,), (1, 12), (3, 7, 12), tuple(range(13))])
+@pytest.mark.parametrize("by_part", [False, True])
+def test_passes_to_any_targets_add_up_to_the_same_bits(
+    levels: tuple[int, ...], by_part: bool
+) -> None:
     scene = prepared()
     settings = merged(
         scene.scene.settings, {"width": SIZE[0], "height": SIZE[1], "spp": 12, "seed": 3}
     )
     assert scene.scene.camera is not None
     view = make_view(scene, scene.scene.camera, settings)
-    film = _core.Film(0, 0, *SIZE)
-    for i, (first, last) in enumerate(passes):
-        film.render(
-            scene.core,
-            view,
-            first,
-            last,
-            threads=1 + i % 2,
-            tile=3 + i,
-            schedule="dynamic",
-            isa="",
-            tick=None,
-        )
+    film, rng = _core.Film(0, 0, *SIZE), np.random.default_rng(1)
+    shapes = [tuple(-(-side // edge) for side in SIZE[::-1]) for edge in (_core.block, 1)]
+    for i, level in enumerate(levels):
+        targets = rng.integers(0, level + 1, shapes[i % 2], np.uint32) if by_part else level
+        for each in (targets, level if level == 12 else 0):  # 0 takes nothing away
+            film.render(
+                scene.core,
+                view,
+                each,
+                threads=1 + i % 2,
+                tile=3 + i,
+                schedule="dynamic",
+                isa="",
+                tick=None,
+            )
     pixels, counts, bad = film.arrays()
     assert np.all(counts == 12)
     assert not np.any(bad)
     np.testing.assert_array_equal(pixels, picture(spp=12))
+
+
+def test_targets_are_of_the_films_blocks() -> None:
+    scene = prepared()
+    assert scene.scene.camera is not None
+    view = make_view(scene, scene.scene.camera, merged(scene.scene.settings, {"width": 20}))
+    film = _core.Film(0, 0, 20, 11)
+    for shape in ((3, 2), (2, 4), (1, 3)):
+        with pytest.raises(ValueError, match="2 by 3, for blocks, or 11 by 20"):
+            film.render(
+                scene.core,
+                view,
+                np.ones(shape, np.uint32),
+                threads=1,
+                tile=16,
+                schedule="dynamic",
+                isa="",
+                tick=None,
+            )
 
 
 def test_a_sample_alone_is_the_sample_in_the_picture() -> None:

@@ -63,6 +63,13 @@ def centers(scene: ph.Scene) -> np.ndarray:
         ("::-2", [5, 3, 1]),
         (" 2 : 99 ", [2, 3, 4, 5]),
         (slice(1, 3), [1, 2]),
+        ("1..4", [1, 2, 3, 4]),
+        ("0..5..2", [0, 2, 4]),
+        ("..", range(6)),
+        (" 4 .. ", [4, 5]),
+        ("-2..", [4, 5]),
+        ("5..1..-2", [5, 3, 1]),
+        ("....-3", [5, 2]),
     ],
 )
 @pytest.mark.parametrize("name", ["a.xyz", "a.xyz.gz", "a.lammpstrj"])
@@ -72,6 +79,8 @@ def test_slices(tmp_path: Path, name: str, which: Any, numbers: Any) -> None:
     frames = load_frames(tmp_path / name, which)
     assert list(frames.numbers) == list(numbers)
     assert len(frames) == len(list(numbers))
+    inclusive = isinstance(which, str) and ".." in which
+    assert list(frames.file_numbers) == list(numbers if inclusive else range(1, len(frames) + 1))
     for scene, number in zip(frames, numbers, strict=True):
         assert_allclose(centers(scene), moving()[number], atol=1e-9)
         assert scene.name == f"{name}, frame {number}"
@@ -80,13 +89,18 @@ def test_slices(tmp_path: Path, name: str, which: Any, numbers: Any) -> None:
 @pytest.mark.parametrize(
     ("which", "told"),
     [
-        ("5", "frames '5': a slice such as 10:, :100:5 or ::-1 is needed, or all"),
+        ("5", "frames '5': a range such as 1..240 or 1..240..2, a slice such as 10:"),
         ("1:2:0", "a slice such as"),
         ("1:b", "a slice such as"),
-        (slice(None, None, 0), r"frames slice\(None, None, 0\): a slice such as"),
+        (slice(None, None, 0), r"frames slice\(None, None, 0\): a range such as"),
         (slice("a"), "a slice such as"),
         (slice(0.5), "a slice such as"),
         ("::::", "a slice such as"),
+        ("1..2..3..4", "a slice such as"),
+        ("1..2..0", "a slice such as"),
+        ("1..6", r"a\.xyz: frames 1\.\.6: there is no frame 6; there are 0 to 5"),
+        ("-7..", "there is no frame -7; there are 0 to 5"),
+        ("4..2", "of 6 frames none is in 4..2"),
         ("6:", r"a\.xyz: of 6 frames none is in 6:"),
         ("4:2:1", "of 6 frames none is in 4:2:1"),
     ],
@@ -373,11 +387,43 @@ def test_pictures_of_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         assert_array_equal(ours, theirs)
 
 
+def test_ranges_of_the_same_frames_give_files_that_fit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.xyz"
+    start = moving(1)[0]
+    path.write_text(xyz([start * size for size in (1.0, 0.5, 0.4, 0.3, 1.0)]))
+    words = ["render", str(path), *SMALL, "-o", str(tmp_path / "f-##.png"), "--frames"]
+    assert cli.main([*words, "0..4..4"]) == 0
+    assert sorted(os.listdir(tmp_path)) == ["a.xyz", "f-00.png", "f-04.png"]
+    before = (tmp_path / "f-04.png").stat()
+    capsys.readouterr()
+    assert cli.main([*words, "0..4", "--skip-existing"]) == 0
+    assert "f-##.png: 3 pictures (2 more were there), 32x18" in capsys.readouterr().err
+    assert len(os.listdir(tmp_path)) == 6
+    assert (tmp_path / "f-04.png").stat() == before
+    # seen from elsewhere, or another frame: slices count from 1
+    for which in ("1..3", "0:3"):
+        assert cli.main([*words, which, "--skip-existing"]) == 0
+        assert "f-##.png: 3 pictures, 32x18" in capsys.readouterr().err
+
+
+def test_frames_whose_pictures_are_there_are_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.xyz"
+    path.write_text(xyz(moving()))
+    frames = load_frames(path, "1..5")
+    path.write_text(xyz(moving(5)))  # the last frame is gone
+    scenes = list(frames.scenes([3, 1]))
+    assert [scene.name for scene in scenes] == ["a.xyz, frame 4", "a.xyz, frame 2"]
+    with pytest.raises(ph.SceneError, match="has become shorter"):
+        list(frames)
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
         ("a.xyz --frames 9:", "a.xyz: of 6 frames none is in 9:"),
-        ("a.xyz --frames 9", "a.xyz: --frames '9': a slice such as"),
+        ("a.xyz --frames 9", "a.xyz: --frames '9': a range such as"),
         ("a.xyz --frames : --turntable 3", "--turntable and --frames are two sequences"),
         ("a.xyz --frames : --frame 2", "the option '--frame' is of one frame; give --frames or"),
         ("a.xyz --frames : --color-by speed", "unknown field to colour by 'speed'"),

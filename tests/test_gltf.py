@@ -412,6 +412,9 @@ def moving() -> File:
         ("1.9::0.1", 24, [1.9, 2.0], 24),
         ("::-0.5", None, [2, 1.5, 1], 2),
         (slice(None, 1.5), 8, [1, 1.125, 1.25, 1.375], 8),
+        ("0..2", 2, [0, 0.5, 1, 1.5, 2], 2),
+        ("1...5..-.25", None, [1, 0.75, 0.5], 4),
+        ("0..3", 1, [0, 1, 2, 3], 1),
     ],
 )
 def test_frames_are_times(
@@ -422,6 +425,8 @@ def test_frames_are_times(
     frames = ph.load_frames(path, which, fps=fps)
     assert_allclose(frames.numbers, times)
     assert frames.fps == pytest.approx(rate)
+    first = 0 if which == "0..3" else 1  # whole numbers stand in files' names as they are
+    assert list(frames.file_numbers) == list(range(first, first + len(frames)))
     for scene, time in zip(frames, times, strict=True):
         x = 4 * min(max(time - 1, 0), 1)
         assert_allclose(triangles(scene.shapes[0])[0] - [x, 0, 0], TRIANGLE, atol=1e-6)
@@ -459,7 +464,7 @@ def test_frames_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     path.write_bytes(moving().text())
     for which, told in (
         ("3:", "no seconds are in 3:; there are 1 to 2"),
-        ("5", "frames '5': a range of seconds such as 10:, :100:5 or 1:2:0.5 is needed, or all"),
+        ("5", "frames '5': a range of seconds such as 1..240, 10:, :100:5 or 1:2:0.5 is"),
         ("1:2:0", "a range of seconds"),
         ("1:b", "a range of seconds"),
         ("0:inf", "a range of seconds"),

@@ -16,8 +16,9 @@ import pytest
 
 import parhelion as ph
 from parhelion import atomic, cryptomatte
+from parhelion.display import srgb_encoded
 from parhelion.flatten import flatten
-from parhelion.image import CHANNELS, check_output, encoded, largest_file, srgb_encoded
+from parhelion.image import CHANNELS, PRECISE, check_output, encoded, largest_file
 from picture_tools import read_picture
 
 ENDINGS = ["png", "jpg", "exr"]
@@ -144,8 +145,9 @@ def test_numbers_that_are_not_finite_survive_where_a_file_can_hold_them(
 
 @pytest.fixture(scope="module")
 def featured() -> ph.Image:
-    # more rows than are written at a time
-    return ph.render(ph.weekend(), width=40, height=150, spp=2, features=True)
+    # more rows than are written at a time; noise adds what tells of it
+    seen = ph.render(ph.weekend(), width=40, height=150, spp=2, noise=1e-3, features=True)
+    return replace(seen, features={**seen.features, "noisy": 0.75 * seen.pixels})
 
 
 def test_an_exr_file_has_a_layer_for_every_feature(featured: ph.Image, tmp_path: Path) -> None:
@@ -170,13 +172,91 @@ def test_an_exr_file_has_a_layer_for_every_feature(featured: ph.Image, tmp_path:
 def test_16_bits_spare_the_features_that_need_more(featured: ph.Image, tmp_path: Path) -> None:
     bright = dict(featured.features) | {"direct": featured.features["direct"] * np.float32(1e9)}
     replace(featured, features=bright).save(tmp_path / "a.exr", bits=16)
+    data = {"depth", "position", "uv", "samples", "variance", "shape", "material"}
+    assert {*data, *cryptomatte.LAYERS} == PRECISE
     for name, channels in CHANNELS.items():
         stored, _ = read_picture(tmp_path / "a.exr", channels)
         values = bright[name].reshape(stored.shape).astype(np.float32)
-        if name not in ("depth", "position", "uv", "shape", "material", *cryptomatte.LAYERS):
+        if name not in PRECISE:
             values = np.minimum(values, 65504).astype(np.float16).astype(np.float32)
         np.testing.assert_array_equal(stored, values, err_msg=name)
     assert np.float16(read_picture(tmp_path / "a.exr")[0]).max() > 0.5
+
+
+def read_by_openexr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, object]]:
+    """Channels by name, and the header, as the format's own library reads them."""
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return {name: c.pixels.copy() for name, c in file.channels().items()}, dict(file.header())
+
+
+@pytest.mark.parametrize("tiled", [False, True])
+@pytest.mark.parametrize("compression", ["zip", "zips", "piz", "rle", "none", "b44", "b44a"])
+def test_exr_files_in_another_reader(
+    featured: ph.Image, tmp_path: Path, compression: str, tiled: bool
+) -> None:
+    file = tmp_path / "a.exr"
+    bits = 32 if compression in ("piz", "b44") else 16
+    featured.save(file, bits=bits, compression=compression, tiled=tiled)
+    channels, header = read_by_openexr(file)
+    assert (
+        str(header["compression"])
+        == f"Compression.{compression.upper().replace('NONE', 'NO')}_COMPRESSION"
+    )
+    tiles = header.get("tiles")
+    assert (tiles is not None) == tiled
+    if tiled:
+        assert (tiles.xSize, tiles.ySize) == (64, 64)  # type: ignore[attr-defined]
+    assert set(channels) == {*"RGB", *(name for names in CHANNELS.values() for name in names)}
+    for layer, names in {"": tuple("RGB"), **CHANNELS}.items():
+        values = featured.features[layer] if layer else featured.pixels
+        values = values.reshape(150, 40, -1)
+        for k, name in enumerate(names):
+            exact = bits == 32 or layer in PRECISE
+            assert channels[name].dtype == (np.float32 if exact else np.float16)
+            expected = values[..., k].astype(channels[name].dtype)
+            if compression == "b44a" and not exact:  # blocks of 4x4 share an exponent
+                assert np.abs(channels[name] - expected).mean() < 0.02
+            else:
+                np.testing.assert_array_equal(channels[name], expected, err_msg=name)
+    for layer in cryptomatte.LAYERS:
+        key = f"cryptomatte/{cryptomatte.matte_id(layer):08x}"[:-1]
+        assert header[f"{key}/name"] == layer
+        assert "ground" in json.loads(str(header[f"{key}/manifest"]))
+
+
+@pytest.mark.parametrize(("compression", "most"), [("pxr24", 1e-4), ("dwaa", 0.05), ("dwab", 0.05)])
+def test_exr_files_that_are_not_exact(
+    image: ph.Image, tmp_path: Path, compression: str, most: float
+) -> None:
+    for tiled in (False, True):
+        image.save(tmp_path / "a.exr", compression=compression, tiled=tiled)
+        channels, header = read_by_openexr(tmp_path / "a.exr")
+        assert compression.upper() in str(header["compression"])
+        error = np.stack([channels[c] for c in "RGB"], axis=-1) - image.pixels
+        assert 0 < np.abs(error).max() < most
+    told = f"{compression} would change the ids of Cryptomattes .choices: zip, zips"
+    with pytest.raises(ph.SceneError, match=told):
+        check_output(tmp_path / "b.exr", features=True, compression=compression)
+
+
+@pytest.mark.parametrize(
+    ("name", "how", "told"),
+    [
+        ("a.png", {"compression": "zip"}, "compression is for .exr"),
+        ("a.exr", {"compression": "zpi"}, "unknown compression 'zpi'; did you mean 'zip'"),
+        ("a.jpg", {"tiled": True}, r"\.jpg has no tiles"),
+    ],
+)
+def test_what_only_exr_files_have(
+    image: ph.Image, tmp_path: Path, name: str, how: dict[str, object], told: str
+) -> None:
+    with pytest.raises(ph.SceneError, match=told):
+        image.save(tmp_path / name, **how)  # type: ignore[arg-type]
+    with pytest.raises(ph.SceneError, match=r"is for \.exr"):
+        ph.save_sequence([image], tmp_path / "a.mp4", compression="zip")
+    assert not list(tmp_path.iterdir())
 
 
 def test_other_files_have_no_room_for_features(featured: ph.Image, tmp_path: Path) -> None:

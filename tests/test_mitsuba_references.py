@@ -27,7 +27,7 @@ from reference_tools import (
     mitsuba_reference,
     read_linear,
     render_batches,
-    side_by_side,
+    save_side_by_side,
     to_xyz,
 )
 
@@ -92,7 +92,7 @@ def test_scene_matches_mitsuba(
     xyz = to_xyz(ours.pictures)
     verdict = compare(Batches(xyz), reference, spp)
     picture = tmp_path / f"{path.stem}.png"
-    side_by_side(ours.mean, reference.mean @ np.linalg.inv(XYZ_OF_RGB).T, picture)
+    save_side_by_side(ours.mean, reference.mean @ np.linalg.inv(XYZ_OF_RGB).T, picture)
     assert verdict.agrees, f"{verdict}; ours, Mitsuba's and 5 x their difference: {picture}"
 
     # and it would not, were the shapes a little too dark or too bright
@@ -191,7 +191,7 @@ def test_wrong_pictures_fail(name: str):
     assert compare(ours, reference, SPP).agrees
     verdict = compare(Batches(spoil(ours.pictures)), reference, SPP)
     assert not verdict.agrees
-    assert verdict.size in sizes
+    assert verdict.test.size in sizes
 
 
 def test_pixels_that_do_not_count():
@@ -243,6 +243,6 @@ def test_bitterli_mean(folder: str, shared_scenes: Path, tmp_path: Path):
         part = ph.render(prepared, spp=4096, crop=(x, y, w, h), **asked)
         ours[y : y + h, x : x + w] = part.pixels
     picture = tmp_path / f"{folder}.png"
-    side_by_side(ours, small, picture)
+    save_side_by_side(ours, small, picture)
     ratio = ours.mean(axis=(0, 1), dtype=np.float64) / small.mean(axis=(0, 1), dtype=np.float64)
     np.testing.assert_allclose(ratio, 1.0, atol=0.01, err_msg=str(picture))

@@ -202,6 +202,12 @@ def test_what_cannot_be_read_says_where_and_why(read: Read, world: str, message:
     assert "scene.pbrt: line " in str(caught.value)
 
 
+def test_black_bodies_beyond_numbers(read: Read) -> None:
+    for temperature in ("1e-80", "1e80"):
+        with pytest.raises(FormatError, match="K has no radiance that can be told"):
+            read(f'LightSource "point" "blackbody I" [{temperature} 1]', 'Film "image"')
+
+
 @pytest.mark.parametrize(
     ("head", "message"),
     [

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,10 @@ import pytest
 
 import parhelion as ph
 from parhelion import cli
+from parhelion.atomic import clear, replacing
 from parhelion.framing import placed
 from parhelion.orbit import turns
-from parhelion.sequence import numbered
+from parhelion.sequence import is_there, numbered
 from parhelion.studio import dressed, framing, turned_light
 from picture_tools import read_picture
 
@@ -166,7 +168,7 @@ def test_light_of_the_scenes_own_stays_and_its_tree_is_built_once(
 
     built: list[object] = []
     prepare = orbit.prepare
-    monkeypatch.setattr(orbit, "prepare", lambda s: built.append(s) or prepare(s))
+    monkeypatch.setattr(orbit, "prepare", lambda s, **_: built.append(s) or prepare(s))
     pictures = list(ph.turntable(lit, 3, width=16, spp=1))
     assert len(built) == 1
     assert len(pictures) == 3
@@ -185,11 +187,18 @@ def test_light_of_the_scenes_own_stays_and_its_tree_is_built_once(
         ("a-%03d.b.jpg", "a-007.b.jpg"),
         ("%%-%2d.png", "%- 7.png"),
         ("100%%.png", "100%.0007.png"),
+        ("a.####.png", "a.0007.png"),
+        ("#-100%%.png", "7-100%.png"),
         (os.path.join("50%", "a.png"), os.path.join("50%", "a.0007.png")),
     ],
 )
 def test_names_of_files(name: str, expected: str) -> None:
     assert numbered(name, 7) == expected
+
+
+def test_numbers_that_need_more_digits_or_a_sign() -> None:
+    assert numbered("a.##.png", 123) == "a.123.png"
+    assert numbered("a.####.png", -12) == numbered("a.%04d.png", -12) == "a.-012.png"
 
 
 def test_exposure_of_a_sequence_and_its_background(tmp_path: Path) -> None:
@@ -222,12 +231,16 @@ def test_a_turntable_of_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("-o a%d%d.png", "a%d%d.png: one number such as %04d may stand in the name"),
+        ("-o a%d%d.png", "a%d%d.png: one number such as %04d or #### may stand in the name"),
         ("-o a%s.png", "a%s.png: one number"),
         ("-o a%09999d.png", "too many digits"),
         ("-o a.tiff", "a.0001.tiff: unknown picture ending '.tiff'"),
         ("-o no/such.png", "there is no folder"),
         ("-o a.png --fps 5", "--fps is for films"),
+        ("-o a##-##.png", "a##-##.png: one number such as %04d or #### may stand in the name"),
+        ("-o a#-%d.png", "one number such as %04d or ####"),
+        (f"-o {'#' * 21}.png", "# has too many digits; #### has four"),
+        ("-o a.mp4 --skip-existing", "a film is made in one piece, so --skip-existing is for"),
         ("-o a.mp4 --fps 0", "fps is 0.0; must lie in"),
         ("-o a.mp4 --bits 16", ".mp4 cannot hold 16 bits"),
         ("-o a.mp4 --features", ".mp4 cannot hold features"),
@@ -249,9 +262,10 @@ def test_a_sequence_without_meaning(
     assert os.listdir() == []
 
 
-def test_fps_needs_a_sequence(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["render", *SMALL, "--fps", "5"]) == 2
-    assert "--fps needs a sequence of pictures" in capsys.readouterr().err
+@pytest.mark.parametrize("words", [["--fps", "5"], ["--skip-existing"]])
+def test_what_needs_a_sequence(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["render", *SMALL, *words]) == 2
+    assert f"{words[0]} needs a sequence of pictures" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["a.png", "a.mp4"])
@@ -281,7 +295,9 @@ def test_ctrl_c_leaves_whole_pictures_and_the_old_film(tmp_path: Path, name: str
         process.communicate()
     assert process.returncode == 130
     told = re.fullmatch(
-        r"parhelion: stopped after (\d+) of 100000 pictures(; a\.mp4 was not written)?\n", said
+        r"parhelion: stopped after (\d+) of 100000 pictures"
+        r"; (?:(a\.mp4 was not written)|--skip-existing makes the others)\n",
+        said,
     )
     assert told, said
     assert bool(told[2]) == (name == "a.mp4")
@@ -290,6 +306,102 @@ def test_ctrl_c_leaves_whole_pictures_and_the_old_film(tmp_path: Path, name: str
     assert left == ([numbered(name, k + 1) for k in range(int(told[1]))] if not told[2] else [])
     for file in left:
         assert read_picture(tmp_path / file)[0].shape == (36, 64, 3)
+
+
+# --- Going on ------------------------------------------------------------------------------------
+
+
+def test_an_animation_that_is_killed_goes_on_where_it_was(tmp_path: Path, long: bool) -> None:
+    rng = np.random.default_rng(3)
+    count, kills = (200, 50) if long else (24, 3)
+    words = ["render", "--turntable", str(count), "--width", "64", "--spp", "4", "--skip-existing"]
+    command = [sys.executable, "-m", "parhelion", *words, "-q", "-o", "a.###.png"]
+    (tmp_path / "killed").mkdir()
+
+    def files() -> dict[str, os.stat_result]:
+        shown = [f for f in (tmp_path / "killed").iterdir() if not f.name.startswith(".")]
+        return {f.name: f.stat() for f in shown}
+
+    for goal in np.linspace(3, count - 8, kills, dtype=int):
+        process = subprocess.Popen(command, cwd=tmp_path / "killed")
+        try:
+            begin, there = time.monotonic(), files()
+            while len(files()) < goal:
+                assert time.monotonic() - begin < 50
+                assert process.poll() is None
+                time.sleep(0.001)
+            time.sleep(rng.uniform(0.0, 0.02))
+        finally:
+            process.kill()
+            process.wait()
+        after = files()
+        assert len(after) < count
+        assert {name: after[name] for name in there} == there  # none is made twice
+        for name in after:
+            assert read_picture(tmp_path / "killed" / name)[0].shape == (36, 64, 3)
+    stale = tmp_path / "killed" / ".parhelion-left.png"
+    stale.write_bytes(b"half a picture")
+    assert subprocess.run(command, cwd=tmp_path / "killed", check=False).returncode == 0
+    whole = [f"a.{k:03}.png" for k in range(1, count + 1)]
+    assert sorted(os.listdir(tmp_path / "killed")) == whole
+    images = ph.turntable(ph.weekend(), count, width=64, spp=4)
+    ph.save_sequence(images, tmp_path / "b.###.png")
+    for k in range(1, count + 1):
+        ours = read_picture(tmp_path / "killed" / f"a.{k:03}.png")[0]
+        assert np.array_equal(ours, read_picture(tmp_path / f"b.{k:03}.png")[0])
+
+
+def test_what_is_made_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is not whole, of another program or of other options; nothing is read where all is."""
+    scene = tmp_path / "w.xyz"
+    scene.write_text(XYZ)
+    words = ["render", str(scene), *SMALL, "--turntable", "3", "--skip-existing"]
+    words += ["-o", str(tmp_path / "t.png")]
+    files = [tmp_path / f"t.000{k}.png" for k in (1, 2, 3)]
+
+    def said(*more: str) -> str:
+        assert cli.main([*words, *more]) == 0
+        return capsys.readouterr().err.partition("t.png: ")[2].strip()
+
+    assert said().startswith("3 pictures, 32x18")
+    whole = [file.read_bytes() for file in files]
+    assert said("--threads", "1") == "0 pictures (3 more were there)"
+    files[0].write_bytes(whole[0][:-40])
+    assert said().startswith("1 picture (2 more were there), 32x18")
+    damaged = bytearray(whole[1])
+    damaged[damaged.index(b"IDAT") + 40] ^= 0xFF
+    files[1].write_bytes(damaged)
+    files[2].unlink()
+    assert said().startswith("2 pictures (1 more was there), 32x18")
+    files[0].write_bytes(whole[1])  # the picture of another frame
+    assert said().startswith("1 picture (2 more were there), 32x18")
+    assert said("--seed", "4").startswith("3 pictures, 32x18")
+    assert said("--seed", "4") == "0 pictures (3 more were there)"
+    ph.render(ph.load(scene), width=32, spp=1).save(files[1])  # not of a sequence
+    assert said("--seed", "4").startswith("1 picture (2 more were there), 32x18")
+
+
+@pytest.mark.parametrize("ending", ["jpg", "exr"])
+def test_all_formats_are_known_again(tmp_path: Path, ending: str) -> None:
+    file = tmp_path / f"a.{ending}"
+    image = ph.render(cloud(), width=32, height=18, spp=1)
+    replace(image, notes={"parhelion:sequence": "one"}).save(file)
+    assert is_there(str(file), (32, 18), {"parhelion:sequence": "one"})
+    assert not is_there(str(file), (32, 17), {"parhelion:sequence": "one"})
+    assert not is_there(str(file), (32, 18), {"parhelion:sequence": "two"})
+    assert not is_there(str(tmp_path), (32, 18), {})
+    file.write_bytes(file.read_bytes()[:-20])
+    assert not is_there(str(file), (32, 18), {"parhelion:sequence": "one"})
+
+
+def test_temporary_files_that_are_being_written_stay(tmp_path: Path) -> None:
+    with replacing(tmp_path / "a.png") as temporary:
+        (tmp_path / ".parhelion-old.png").touch()
+        clear(tmp_path)
+        assert os.listdir(tmp_path) == [temporary.name]
+        temporary.write_bytes(b"new")
+    assert os.listdir(tmp_path) == ["a.png"]
+    clear(tmp_path / "nowhere")
 
 
 # --- Films ---------------------------------------------------------------------------------------

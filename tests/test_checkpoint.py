@@ -1,0 +1,403 @@
+"""Renderings that go on where they were: after a stop, after SIGKILL, after a full disk."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import parhelion as ph
+from parhelion import checkpoint
+from parhelion.renderer import prepare
+from picture_tools import read_picture
+
+SIZE = {"width": 48, "height": 27}
+
+
+@pytest.fixture(scope="module")
+def spheres() -> Any:
+    return prepare(ph.weekend())
+
+
+def same(a: ph.Image, b: ph.Image) -> None:
+    np.testing.assert_array_equal(a.numpy(), b.numpy())
+    np.testing.assert_array_equal(a.counts, b.counts)
+    assert a.features.keys() == b.features.keys()
+    for name, values in a.features.items():
+        np.testing.assert_array_equal(values, b.features[name], err_msg=name)
+
+
+@pytest.mark.parametrize("goal", [{"spp": 200}, {"noise": 0.2}, {"spp": 60, "features": True}])
+def test_stops_anywhere_change_nothing(spheres: Any, tmp_path: Path, goal: dict[str, Any]) -> None:
+    whole = ph.render(spheres, checkpoint=tmp_path / "whole", **goal, **SIZE)
+    samples, rng, rounds = 0, random.Random(1), 0
+    while True:
+        more = rng.randrange(2000, 60000)
+        image = ph.render(
+            spheres,
+            checkpoint=tmp_path / "a.checkpoint",
+            checkpoint_every=0.02,
+            resume=True,
+            progress=lambda state, until=samples + more: state.samples >= until,
+            threads=rng.randrange(1, 4),
+            tile=rng.randrange(1, 20),
+            **goal,
+            **SIZE,
+        )
+        assert image.stats.samples >= samples
+        samples, rounds = image.stats.samples, rounds + 1
+        if image.stats.complete:
+            break
+    assert rounds > 1
+    same(whole, image)
+    assert samples == whole.stats.samples == image.counts.sum()
+    assert image.stats.ended == whole.stats.ended
+    assert sorted(os.listdir(tmp_path)) == ["a.checkpoint", "whole"]
+
+
+def test_what_is_done_can_be_taken_further(spheres: Any, tmp_path: Path) -> None:
+    file = tmp_path / "a.checkpoint"
+    for goal in ({"spp": 6}, {"spp": 25}, {"spp": 20, "noise": 0.9}, {"spp": 64}):
+        image = ph.render(spheres, checkpoint=file, resume=True, **goal, **SIZE)
+    same(image, ph.render(spheres, spp=64, checkpoint=tmp_path / "b", **SIZE))
+    less = ph.render(spheres, checkpoint=file, resume=True, spp=3, **SIZE)  # nothing is lost
+    assert (less.stats.complete, less.counts.min()) == (True, 64)
+    finer = ph.render(spheres, checkpoint=file, resume=True, noise=0.15, **SIZE)
+    assert finer.stats.ended == "noise"
+    assert finer.counts.min() == 64
+
+
+def test_only_checkpoints_are_replaced_and_only_by_what_goes_on(
+    spheres: Any, tmp_path: Path
+) -> None:
+    file = tmp_path / "a.checkpoint"
+    ph.render(spheres, checkpoint=file, spp=9, **SIZE)
+    for content, said in (
+        (file.read_bytes(), "is there already; resume goes on from it"),
+        (b"{}", "is there already, and is no checkpoint"),
+        (b"", "is there already, and is no checkpoint"),
+    ):
+        file.write_bytes(content)
+        with pytest.raises(ph.SceneError, match=said):
+            ph.render(spheres, checkpoint=file, spp=1, **SIZE)
+        assert file.read_bytes() == content
+    with pytest.raises(ph.SceneError, match="checkpoint: a path is needed, not int"):
+        ph.render(spheres, checkpoint=3, spp=1, **SIZE)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"seed": 5}, "was begun with seed 0, not 5"),
+        ({"width": 50}, "was begun with width 48, not 50"),
+        ({"max_depth": 3, "sampler": "independent"}, "max_depth 50, not 3; sampler sobol, not ind"),
+        ({"crop": (0, 0, 4, 4)}, "was begun with crop None, not [0, 0, 4, 4]"),
+        ({"features": True}, "was begun with features False, not True"),
+        ({"camera": ph.Camera(eye=(9, 9, 9))}, 'was begun with camera {"eye": ['),
+    ],
+)
+def test_another_picture_is_refused(
+    spheres: Any, tmp_path: Path, change: dict[str, Any], said: str
+) -> None:
+    file = tmp_path / "a.checkpoint"
+    ph.render(spheres, checkpoint=file, spp=1, **SIZE)
+    before = file.read_bytes()
+    with pytest.raises(ph.SceneError) as caught:
+        ph.render(spheres, checkpoint=file, resume=True, spp=2, **{**SIZE, **change})
+    assert str(caught.value).startswith(f"{file}: was begun with ")
+    assert said in str(caught.value)
+    assert file.read_bytes() == before
+
+
+def test_another_scene_or_build_is_refused(
+    spheres: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "a.checkpoint"
+    ph.render(spheres, checkpoint=file, spp=1, **SIZE)
+    with pytest.raises(ph.SceneError, match="was begun with another scene, or it has changed"):
+        ph.render(ph.weekend(seed=2), checkpoint=file, resume=True, spp=2, **SIZE)
+    for name, said in (
+        ("parhelion._core.sources", "was begun by another build of Parhelion"),
+        ("parhelion.__version__", "was begun by version .* of Parhelion, and this is other"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(name, "other")
+            with pytest.raises(ph.SceneError, match=said):
+                ph.render(spheres, checkpoint=file, resume=True, spp=2, **SIZE)
+
+
+def test_what_is_no_checkpoint_is_refused(spheres: Any, tmp_path: Path) -> None:
+    file = tmp_path / "a.checkpoint"
+    ph.render(spheres, checkpoint=file, spp=3, **SIZE)
+    whole, rng = file.read_bytes(), random.Random(1)
+    spoilt = [b"", b"PK", whole[:-1], whole[:100], whole[: len(whole) // 2], b"x" * 1000]
+    for _ in range(40):  # one bit that is another
+        at = rng.randrange(len(whole))
+        spoilt.append(whole[:at] + bytes([whole[at] ^ (1 << rng.randrange(8))]) + whole[at + 1 :])
+    with zipfile.ZipFile(file) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    for name in members:
+        for changed in (None, b"", members[name] + b"x", members[name][:-1], b"[]", b"{}", b"\xff"):
+            with zipfile.ZipFile(tmp_path / "b", "w") as archive:
+                for other, data in members.items():
+                    if other != name:
+                        archive.writestr(other, data)
+                    elif changed is not None:
+                        archive.writestr(other, changed)
+            if changed != members[name]:
+                spoilt.append((tmp_path / "b").read_bytes())
+    expected = ph.render(spheres, checkpoint=tmp_path / "c", spp=3, **SIZE)
+    refused = 0
+    for data in spoilt:
+        file.write_bytes(data)
+        try:
+            image = ph.render(spheres, checkpoint=file, resume=True, spp=3, **SIZE)
+        except ph.SceneError as error:
+            refused += str(error).startswith(f"{file}: ")
+            assert file.read_bytes() == data
+        else:  # what was spoilt means nothing: the time within the archive, say
+            same(image, expected)
+    assert refused > len(spoilt) - 10
+
+
+@pytest.mark.parametrize(
+    ("place", "error", "said"),
+    [("no/a", ph.ResourceError, "there is no folder"), (".", ph.ResourceError, "is a folder")],
+)
+def test_places_that_cannot_be_written_are_told_before_the_work(
+    spheres: Any, tmp_path: Path, place: str, error: type[Exception], said: str
+) -> None:
+    with pytest.raises(error, match=said):
+        ph.render(spheres, checkpoint=tmp_path / place, spp=2**20, **SIZE)
+
+
+def test_a_checkpoint_that_fails_is_told_and_the_picture_is_made(
+    spheres: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    image = ph.render(spheres, checkpoint=tmp_path / "a", spp=2, **SIZE)
+    assert image.stats.ended == "spp"
+    assert f"{tmp_path / 'a'}: cannot be written: No space left on device" in caplog.text
+    assert os.listdir(tmp_path) == []
+
+
+# --- Faults --------------------------------------------------------------------------------------
+
+RENDER = (sys.executable, "-m", "parhelion", "render")
+COMMAND = "--width 96 --height 54 --noise 0.1 -q --checkpoint --checkpoint-every 0.1s --resume"
+
+
+def command(folder: Path, *more: str) -> list[str]:
+    return [*RENDER, *COMMAND.split(), "-o", str(folder / "a.exr"), *more]
+
+
+def test_killed_and_resumed_it_is_the_same_picture(tmp_path: Path, long: bool) -> None:
+    kills, wanted = 0, 50 if long else 4
+    noise = "0.01" if long else "0.04"  # work enough to be killed so often in it
+    (tmp_path / "whole").mkdir()
+    subprocess.run(command(tmp_path / "whole", "--noise", noise), check=True)
+    rng, file = random.Random(), tmp_path / "a.exr.checkpoint"
+    while True:
+        with subprocess.Popen(command(tmp_path, "--noise", noise)) as process:
+            try:
+                # from the start of Python to some passes later
+                code = process.wait(0.1 + 0.7 * rng.random() if kills < wanted else None)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                code = process.wait()
+        if code == 0:
+            break
+        assert code == -signal.SIGKILL
+        kills += 1
+        if file.exists():  # whole at every moment
+            with zipfile.ZipFile(file) as archive:
+                assert archive.testzip() is None
+    assert kills >= wanted / 2
+    (pixels, told), (expected, others) = (
+        read_picture(folder / "a.exr") for folder in (tmp_path, tmp_path / "whole")
+    )
+    np.testing.assert_array_equal(pixels, expected)
+    for name in ("samples", "scene", "error", "ended"):
+        assert told[f"parhelion:{name}"] == others[f"parhelion:{name}"]
+
+
+def test_the_command_goes_on_after_ctrl_c(tmp_path: Path) -> None:
+    file = tmp_path / "a.exr.checkpoint"
+    with subprocess.Popen(command(tmp_path, "--noise", "0.001"), stderr=subprocess.PIPE) as process:
+        while not file.exists():
+            assert process.poll() is None
+            time.sleep(0.05)
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert b"error " in said
+    assert said.endswith(f"; the same command with --resume goes on from {file}\n".encode())
+    _, told = read_picture(tmp_path / "a.exr")
+    assert told["parhelion:ended"] == "stopped"
+    spp = str(int(told["parhelion:samples"]) // (96 * 54) + 5)
+    subprocess.run(command(tmp_path, "--noise", "0.001", "--spp", spp), check=True)
+    _, more = read_picture(tmp_path / "a.exr")
+    assert int(more["parhelion:samples"]) >= int(told["parhelion:samples"])
+
+
+def test_time_limits_of_the_command(tmp_path: Path) -> None:
+    begin = time.monotonic()
+    done = subprocess.run(
+        [*RENDER, "--width", "96", "--time-limit", "0.02m", "-o", str(tmp_path / "a.exr")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert time.monotonic() - begin < 6
+    assert ", error " in done.stderr
+    _, told = read_picture(tmp_path / "a.exr")
+    assert told["parhelion:ended"] == "time"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--time-limit 0", "'0': a time such as 90, 90s, 15m or 2h is needed"),
+        ("--time-limit soon", "'soon': a time such as 90, 90s, 15m or 2h is needed"),
+        ("--checkpoint-every -3s", "expected one argument"),
+        ("--checkpoint-every=infs", "'infs': a time such as"),
+        ("--checkpoint-every 5", "--checkpoint-every needs --checkpoint"),
+        ("--noise x", "invalid float value: 'x'"),
+        ("--noise 0 --spp 1", "--noise is 0.0; must be > 0"),
+        ("--turntable 3 --checkpoint", "--checkpoint and --resume are for one picture"),
+        ("--turntable 3 --resume", "--checkpoint and --resume are for one picture"),
+    ],
+)
+def test_mistakes_of_the_command(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, words: str, said: str
+) -> None:
+    from parhelion import cli
+
+    try:
+        code = cli.main(["render", "-o", str(tmp_path / "a.png"), *words.split()])
+    except SystemExit as ended:
+        code = ended.code
+    assert code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_the_picture_is_no_checkpoint(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    from parhelion import cli
+
+    for name in ("a.png", "a.noisy.png"):
+        words = ["-o", str(tmp_path / "a.png"), "--checkpoint", str(tmp_path / name), "--spp", "1"]
+        assert cli.main(["render", *words]) == 2
+        assert "is what the picture is written to" in capsys.readouterr().err
+    assert os.listdir(tmp_path) == []
+
+
+SCRIPT = """
+import ctypes, errno, os, sys
+import parhelion as ph
+from parhelion.image import read_pixels
+from parhelion.renderer import prepare
+
+folder = sys.argv[1]
+shim = ctypes.CDLL(None)
+spheres, old, new = prepare(ph.weekend()), folder + "/old", folder + "/new"
+size = {"width": 16, "height": 9}
+images = [ph.render(spheres, spp=spp, **size) for spp in (1, 2)]
+
+def same_pixels(a, b):
+    return (read_pixels(a) == read_pixels(b)).all()
+
+def checkpointed(spp):
+    ph.render(spheres, checkpoint=folder + "/a.checkpoint", resume=True, spp=spp, **size)
+
+def saved(ending):
+    def save(spp):
+        images[spp - 1].save(folder + "/a" + ending)
+    return save
+
+for name, write in (
+    ("a.checkpoint", checkpointed), ("a.png", saved(".png")), ("a.exr", saved(".exr"))
+):
+    file = os.path.join(folder, name)
+    write(2)
+    whole = open(file, "rb").read()
+    calls = 0
+    for number in (errno.ENOSPC, errno.EIO):
+        for calls in range(1000):
+            os.remove(file)
+            write(1)
+            old = open(file, "rb").read()
+            shim.fail_at(folder.encode(), calls, number)
+            try:
+                write(2)
+                error = None
+            except ph.ResourceError as e:
+                error = str(e)
+            failed = shim.failed()
+            shim.fail_at(b"", -1, 0)
+            now = open(file, "rb").read()
+            if not failed:
+                break
+            assert {*os.listdir(folder)} <= {"a.checkpoint", "a.png", "a.exr"}, calls
+            if name == "a.checkpoint":  # only a warning; what is there can be gone on with
+                checkpointed(2)
+            else:  # an error, or the new one: it had taken its place when the call failed
+                assert now == old or same_pixels(now, whole), (name, calls)
+                assert now != old or os.strerror(number) in error, (name, calls, error)
+        assert calls > 4, (name, calls)
+    print(name, calls)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the shim reads /proc")
+def test_at_every_failing_call_of_the_system_the_old_or_the_new_file_is_whole(
+    tmp_path: Path,
+) -> None:
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    shim, folder = tmp_path / "failing_calls.so", tmp_path / "files"
+    folder.mkdir()
+    source = Path(__file__).with_name("failing_calls.c")
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", shim, source, "-ldl"], check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(SCRIPT), folder],
+        env={**os.environ, "LD_PRELOAD": str(shim)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert [line.split()[0] for line in done.stdout.splitlines()] == [
+        "a.checkpoint",
+        "a.png",
+        "a.exr",
+    ]
+
+
+def test_a_checkpoint_takes_what_the_documentation_says(spheres: Any, tmp_path: Path) -> None:
+    for features, bytes_a_pixel in ((False, 80), (True, 560)):
+        file = tmp_path / f"{bytes_a_pixel}"
+        ph.render(spheres, checkpoint=file, spp=1, features=features, width=200, height=200)
+        assert file.stat().st_size == pytest.approx(bytes_a_pixel * 200 * 200, rel=0.01)
+
+
+def test_the_identity_names_all_settings(spheres: Any) -> None:
+    made_of = checkpoint.identity(spheres.flat, ph.Camera(), ph.Settings(), False)
+    left_out = {"spp", "noise"}  # they say when to stop
+    assert set(vars(ph.Settings())) - left_out <= set(made_of)
+    assert not left_out & set(made_of)

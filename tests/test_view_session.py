@@ -1,0 +1,329 @@
+"""The session that renders what is looked at, without any network."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import parhelion as ph
+from parhelion.view.layers import LAYERS
+from parhelion.view.session import Frame, Session
+
+WHITE = ph.Material("diffuse", color=(0.8, 0.8, 0.8))
+
+
+def scene() -> ph.Scene:
+    """Two balls on a floor under an even sky and a lamp."""
+    return ph.Scene(
+        [
+            ph.Spheres([[0, 0.5, 0]], 0.5, "ball", name="ball"),
+            ph.Spheres([[1.2, 0.3, 0]], 0.3, WHITE, name="small ball"),
+            ph.Spheres([[0, -100, 0]], 100, "floor", name="floor"),
+            ph.Spheres([[0, 4, 0]], 0.4, "lamp", name="lamp"),
+        ],
+        {
+            "ball": ph.Material("diffuse", color=(0.9, 0.1, 0.1)),
+            "floor": ph.Material("diffuse", color=(0.5, 0.5, 0.5)),
+            "lamp": ph.Material("diffuse", emission=(5.0, 5.0, 5.0)),
+        },
+        camera=ph.Camera((0, 1, 4), (0, 0.5, 0)),
+        background=ph.Background("constant", radiance=(0.5, 0.5, 0.5)),
+        settings=ph.Settings(width=96, height=64, max_depth=4),
+    )
+
+
+@pytest.fixture
+def session() -> Iterator[Session]:
+    with Session(scene(), spp=4) as s:
+        yield s
+
+
+def settled(session: Session, spp: int = 4, seconds: float = 20.0) -> Frame:
+    """The newest picture once it has so many samples and answers what was asked for last."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        frame = session.frame
+        if (
+            frame is not None
+            and frame.revision == session._request.revision
+            and frame.scale == 1.0
+            and frame.spp >= spp
+        ):
+            return frame
+        time.sleep(0.005)
+    raise AssertionError(f"no picture of {spp} samples after {seconds} s")
+
+
+def test_the_picture_is_that_of_render(session: Session) -> None:
+    frame = settled(session)
+    assert np.array_equal(frame.pixels, ph.render(scene(), spp=4).pixels)
+    assert np.array_equal(session.image().pixels, frame.pixels)
+    assert session.image().stats.complete
+
+
+def test_a_coarse_picture_comes_first_and_the_newest_camera_last(session: Session) -> None:
+    settled(session)
+    session._rate = 5000.0  # so slow that not all pixels can come first
+    seen: list[Frame] = []
+    session.subscribe(lambda event: seen.append(session.frame) if event == "frame" else None)
+    for x in range(5):
+        session.look(ph.Camera((x, 1, 4), (0, 0.5, 0)))
+    frame = settled(session)
+    assert frame.camera.eye[0] == 4
+    mine = [f for f in seen if f.revision == frame.revision]
+    assert mine[0].scale < 0.5
+    assert mine[0].pixels.shape[0] < 32
+    assert [f.scale for f in mine] == sorted(f.scale for f in mine)
+
+
+def test_crop_and_size(session: Session) -> None:
+    session.crop((0.5, 0.25, 0.25, 0.5))
+    frame = settled(session)
+    assert (frame.x, frame.y, frame.pixels.shape) == (48, 16, (32, 24, 3))
+    whole = ph.render(scene(), spp=4).pixels
+    assert np.array_equal(frame.pixels, whole[16:48, 48:72])
+    session.crop(None)
+    session.resize(30, 20)
+    assert settled(session).pixels.shape == (20, 30, 3)
+    with pytest.raises(ph.SceneError, match="width is 0"):
+        session.resize(0, 20)
+    with pytest.raises(ph.SceneError, match="too large"):
+        session.resize(8000, 8000)
+    with pytest.raises(ph.SceneError, match="share"):
+        session.crop((0.5, 0.5, 2.0, 0.1))
+
+
+def test_pause_rests_after_one_picture_of_full_size(session: Session) -> None:
+    session.pause()
+    session.limit(64)
+    session.look(ph.Camera((1, 1, 4), (0, 0.5, 0)))
+    settled(session, 1)
+    time.sleep(0.3)
+    before = session.frame
+    time.sleep(0.2)
+    assert session.frame is before
+    session.pause(False)
+    assert settled(session, 64).spp == 64
+
+
+def test_exposure_shows_the_same_samples(session: Session) -> None:
+    frame = settled(session)
+    darker = session.picture(frame)
+    session.show(exposure=2.0)
+    assert session.frame is frame
+    lighter = session.picture(frame)
+    assert np.all(lighter >= darker)
+    assert lighter.mean() > 1.2 * darker.mean()
+    exact = session.image().srgb(exposure=2.0)
+    assert np.abs(lighter.astype(int) - exact).max() <= 1
+
+
+@pytest.mark.parametrize("name", ["agx", "aces"])
+def test_view_transforms_are_those_of_saved_pictures(session: Session, name: str) -> None:
+    frame = settled(session)
+    session.show(view_transform=name, exposure=1.0)
+    exact = session.image().srgb(view_transform=name, exposure=1.0).astype(int)
+    assert np.abs(session.picture(frame) - exact).mean() < 1.0  # by a table
+    assert np.abs(session.image().srgb(exposure=1.0) - exact).mean() > 4.0
+    with pytest.raises(ph.SceneError, match="view_transform 'x'"):
+        session.show(view_transform="x")
+
+
+def test_the_picture_without_its_noise(session: Session) -> None:
+    pytest.importorskip("pyoidn", reason="Open Image Denoise is not installed")
+    truth = ph.render(scene(), spp=256).srgb().astype(int)
+    noisy = np.abs(session.picture(settled(session)) - truth).mean()
+    session.show(denoise=True)
+    assert np.abs(session.picture(settled(session)) - truth).mean() < 0.8 * noisy
+    assert session.image().pixels.shape == (64, 96, 3)
+
+
+def test_noise_is_told_and_falls(session: Session) -> None:
+    first = settled(session).error
+    session.limit(64)
+    last = settled(session, 64).error
+    assert first is not None
+    assert last is not None
+    assert 0.0 < last < 0.5 * first
+    assert session.image().stats.error == last
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_every_layer_is_a_picture(session: Session, layer: str) -> None:
+    session.show(layer=layer)
+    frame = settled(session)
+    shown = session.picture(frame)
+    assert shown.shape == (64, 96, 3)
+    assert shown.dtype == np.uint8
+    if layer not in ("emission", "samples", "indirect"):  # the first is dark here, the others even
+        assert shown.std() > 5
+
+
+def test_what_is_picked(session: Session) -> None:
+    settled(session)
+    pick = session.pick(0.5, 0.5)
+    assert (pick.object, pick.object_index, pick.material) == ("ball", 0, "ball")
+    assert pick.depth == pytest.approx(3.53, abs=0.05)
+    assert pick.position is not None
+    assert np.linalg.norm(np.subtract(pick.position, (0, 0.5, 0))) == pytest.approx(0.5, abs=1e-4)
+    assert pick.value is not None
+    nothing = session.pick(0.01, 0.01)
+    assert (nothing.object, nothing.material, nothing.depth) == (None, None, None)
+
+
+def changed(**materials: ph.Material) -> ph.Scene:
+    base = scene()
+    return base.replace(materials={**base.materials, **materials})
+
+
+@pytest.mark.parametrize(
+    ("kind", "index", "name", "value", "same"),
+    [
+        ("materials", 0, "color", [0.1, 0.2, 0.9],
+         changed(ball=ph.Material("diffuse", color=(0.1, 0.2, 0.9)))),
+        ("materials", 0, "opacity", 0.5,
+         changed(ball=ph.Material("diffuse", color=(0.9, 0.1, 0.1), opacity=0.5))),
+        ("materials", 2, "emission", [20.0, 1.0, 1.0],
+         changed(lamp=ph.Material("diffuse", emission=(20.0, 1.0, 1.0)))),
+        ("lights", 0, "radiance", [0.1, 0.1, 3.0],
+         scene().replace(background=ph.Background("constant", radiance=(0.1, 0.1, 3.0)))),
+    ],
+)  # fmt: skip
+def test_a_changed_parameter_gives_the_picture_of_the_changed_scene(
+    session: Session, kind: str, index: int, name: str, value: object, same: ph.Scene
+) -> None:
+    session.change(kind, index, name, value).result(10)
+    assert np.array_equal(settled(session).pixels, ph.render(same, spp=4).pixels)
+    session.restore().result(10)
+    assert np.array_equal(settled(session).pixels, ph.render(scene(), spp=4).pixels)
+
+
+def test_light_from_an_image_can_be_changed() -> None:
+    rng = np.random.default_rng(1)
+    image = rng.random((8, 16, 3)).astype(np.float32) ** 4
+
+    def lit(strength: float) -> ph.Scene:
+        sky = ph.Background("envmap", image=image, scale=(strength,) * 3)
+        sun = ph.Light("sun", sun_direction=(1.0, 1.0, 0.5))
+        return scene().replace(background=sky, lights=[sun])
+
+    with Session(lit(1.0), spp=2) as session:
+        session.change("lights", 0, "scale", [3.0] * 3).result(10)
+        assert np.array_equal(settled(session, 2).pixels, ph.render(lit(3.0), spp=2).pixels)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("materials", 0, "colour", 1.0), "material 'ball': unknown parameter 'colour'; did you"),
+        (("materials", 0, "color", [2.0, 0.0, 0.0]), r"color'\[0\] is 2.0; must lie in \[0, 1\]"),
+        (("materials", 0, "color", "red"), "must be 3 numbers"),
+        (("materials", 0, "emission", [1.0, 1.0, 1.0]), "unknown parameter 'emission'"),
+        (("materials", 99, "color", [1.0, 1.0, 1.0]), r"materials\[99\]: there are 4"),
+        (("lights", 0, "radiance", [1.0]), "has 1 values; must be 3"),
+        (("shapes", 0, "color", [1.0]), "unknown kind"),
+    ],
+)
+def test_a_change_without_meaning_changes_nothing(
+    session: Session, arguments: tuple, message: str
+) -> None:
+    with pytest.raises(ph.SceneError, match=message):
+        session.change(*arguments).result(10)
+    assert np.array_equal(settled(session).pixels, ph.render(scene(), spp=4).pixels)
+
+
+def test_hidden_objects_are_not_there_and_changes_stay(session: Session) -> None:
+    session.change("materials", 1, "color", [0.2, 0.8, 0.2]).result(10)
+    session.hide([0]).result(10)
+    shapes = list(scene().shapes)
+    green = changed(floor=ph.Material("diffuse", color=(0.2, 0.8, 0.2)))
+    expected = ph.render(green.replace(shapes=shapes[1:]), spp=4).pixels
+    assert np.array_equal(settled(session).pixels, expected)
+    assert [o["visible"] for o in session.outline()["objects"]] == [False, True, True, True]
+    assert session.pick(0.5, 0.5).object != "ball"
+    session.hide([]).result(10)
+    assert np.array_equal(settled(session).pixels, ph.render(green, spp=4).pixels)
+    with pytest.raises(ph.SceneError, match=r"objects\[7\]: there are 4"):
+        session.hide([7]).result(10)
+
+
+def test_objects_of_every_kind_can_be_hidden() -> None:
+    quad = ([[-1, 0, 1], [1, 0, 1], [1, 0, -1], [-1, 0, -1]], [[0, 1, 2], [0, 2, 3]])
+    red = ph.Material("diffuse", color=ph.Texture("attribute", name="face_color"))
+    mesh = ph.Mesh(
+        *quad,
+        uvs=[[0, 0], [1, 0], [1, 1], [0, 1]],
+        material=red,
+        attributes={"face_color": [[1, 0, 0], [0, 1, 0]]},
+    )
+    shapes = [
+        mesh,
+        ph.Spheres([[0, 1, 0], [1, 1, 0]], [0.2, 0.3], colors=[[1, 0, 0], [0, 1, 0]]),
+        ph.Disks([[0, 0.5, 0]], [[1, 0, 0]], [[0, 0, 1]]),
+        ph.Cylinders([[0, 0, 0]], [[0, 1, 0]], 0.1),
+        ph.Curves([[0, 0, 0], [0, 1, 0], [1, 1, 0], [1, 2, 0]], 0.05),
+        ph.Instances([mesh], np.eye(4)[None]),
+    ]
+    with Session(ph.Scene(shapes), width=32, height=24, spp=1) as session:
+        for i in range(len(shapes)):
+            session.hide([i]).result(10)
+        session.hide(range(len(shapes))).result(10)
+        assert settled(session, 1).features == {}
+        assert session.pick(0.5, 0.5).object is None
+
+
+def test_another_scene_takes_its_place(session: Session) -> None:
+    settled(session)
+    events: list[str] = []
+    session.subscribe(events.append)
+    session.replace(changed(ball=ph.Material("diffuse", color=(0.1, 0.9, 0.1)))).result(10)
+    green = settled(session).pixels
+    assert "scene" in events
+    assert green[32, 48, 1] > green[32, 48, 0]
+    session.look(ph.Camera((2, 1, 4), (0, 0.5, 0)))
+    session.replace(scene()).result(10)
+    assert session.camera.eye == (2, 1, 4)  # that of someone who looks around stays
+    with pytest.raises(ph.SceneError):
+        session.replace(scene().replace(materials={}))
+    assert settled(session).camera.eye == (2, 1, 4)
+
+
+def test_a_camera_without_meaning_is_told_and_the_old_picture_stays(session: Session) -> None:
+    before = settled(session)
+    session.look(ph.Camera((0, 0, 0), (0, 0, 0)))
+    end = time.monotonic() + 10
+    while session.state()["error"] is None and time.monotonic() < end:
+        time.sleep(0.005)
+    assert "camera" in session.state()["error"]
+    with pytest.raises(ph.SceneError, match="camera"):
+        session.image()
+    assert session.frame is before
+    session.look(replace(before.camera, eye=(0.0, 1.0, 5.0)))
+    assert settled(session).camera.eye == (0.0, 1.0, 5.0)
+    assert session.state()["error"] is None
+
+
+def test_a_prepared_scene_gets_its_parameters_back() -> None:
+    prepared = ph.prepare(scene())
+    with Session(prepared, spp=1) as session:
+        session.change("materials", 0, "color", [0.0, 0.0, 1.0]).result(10)
+        settled(session, 1)
+    assert np.array_equal(ph.render(prepared, spp=1).pixels, ph.render(scene(), spp=1).pixels)
+
+
+def test_closing_stops_a_long_pass_and_its_thread() -> None:
+    session = Session(scene(), width=2000, height=1500)
+    time.sleep(0.1)
+    start = time.monotonic()
+    session.close()
+    assert time.monotonic() - start < 1.0
+    assert not any(
+        t.name == "parhelion-session" and t is session._thread for t in threading.enumerate()
+    )
+    session.close()
+    assert session.change("materials", 0, "color", [0.0, 0.0, 1.0]).cancelled()
