@@ -1,9 +1,8 @@
 """The group `equal`: seconds to the same error, by renderer, on each scene of the gallery.
 
-Error is relative: the mean over pixels and channels of (x - r)^2 / (r^2 + (0.1 m)^2), where r is
-the renderer's own converged picture and m the mean of that; the second term keeps black pixels from
-counting without bound. Nothing is clipped. As a few fireflies may be most of it, the trimmed error,
-without the worst pixels, is measured too.
+Error is relative, `parhelion.comparison.relative_mse` against the renderer's own converged picture.
+Nothing is clipped. As a few fireflies may be most of it, the trimmed error, without the worst
+pixels, is measured too.
 """
 
 from __future__ import annotations
@@ -26,9 +25,6 @@ SPP = 32
 
 # Seeds of references, far from those of the pictures that are compared with them.
 REFERENCE_SEED = 1_000_000
-
-# Share of the worst pixels that the trimmed error leaves out.
-TRIM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -65,16 +61,6 @@ def report(found: list[list[str]]) -> str:
     return markdown([[*head, "spp", "us a sample", "prepare, s", "mean (R G B)"], *found])
 
 
-def relative_error(picture: Any, reference: Any) -> tuple[float, float]:
-    """See above; and the same without the share TRIM of pixels that have the largest."""
-    import numpy as np
-
-    r = reference.astype(np.float64)
-    error = (picture - r) ** 2 / (r**2 + (0.1 * r.mean()) ** 2)
-    each = np.sort(error.mean(axis=2), axis=None)
-    return float(each.mean()), float(each[: each.size - int(TRIM * each.size)].mean())
-
-
 def seconds_at(error: float, few: tuple[float, float], many: tuple[float, float]) -> float:
     """Between two pictures' (error, seconds), on a straight line of their logarithms.
 
@@ -91,8 +77,9 @@ def seconds_at(error: float, few: tuple[float, float], many: tuple[float, float]
 def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> list[list[str]]:
     """Adds to rows, and returns lines of the report."""
     import numpy as np
-    from tests.reference_tools import side_by_side
+    from tests.reference_tools import save_side_by_side
 
+    from parhelion.comparison import relative_mse
     from parhelion.flatten import flatten
 
     from .gallery import load
@@ -126,7 +113,7 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
         def measured(peer: str, spp: int, seed: int) -> Run:
             # a renderer may take further seeds for parts of a picture
             answer = workers[peer].render(spp, 1000 * seed, path)
-            errors = relative_error(np.load(path), references[peer])
+            errors = relative_mse(np.load(path), references[peer])
             return Run(spp, *errors, answer["seconds"], answer["cpu_seconds"])
 
         first = [measured(OURS, SPP, seed) for seed in (101, 102, 103)]
@@ -197,7 +184,7 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
             " ".join(f"{ratio:.3f}" for ratio in mean),
         ]
         if peer != OURS:
-            side_by_side(references[OURS], references[peer], folder / f"{name}, {peer}.png")
+            save_side_by_side(references[OURS], references[peer], folder / f"{name}, {peer}.png")
     return lines
 
 

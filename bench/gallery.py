@@ -32,6 +32,11 @@ def load(name: str, pixels: int) -> ph.Scene:
         scene = SCENES[name]()
     except ph.ParhelionError as error:
         raise BenchError(f"{name}: {error}") from error
+    return fitted(scene, pixels)
+
+
+def fitted(scene: ph.Scene, pixels: int) -> ph.Scene:
+    """A scene with its camera placed, and settings for a picture of about so many pixels."""
     s = scene.settings
     height = round((pixels * s.height / s.width) ** 0.5)
     width = round(height * s.width / s.height)
@@ -149,15 +154,19 @@ def cloud_scene(count: int, glass: bool = False) -> ph.Scene:
     return ph.Scene([spheres], materials, camera, background=white)
 
 
-def lamp_scene(count: int) -> ph.Scene:
-    """A white floor under small lamps, seen from just above it, so that none is in the way."""
+def lamp_mesh(count: int) -> ph.Mesh:
+    """Small lamps, each a triangle of its own radiance."""
     vertices, radiance = lamps(count)
-    shining = ph.Mesh(
+    return ph.Mesh(
         vertices.reshape(-1, 3),
         np.arange(3 * count).reshape(-1, 3),
         material=ph.Material("emissive"),
         colors=np.repeat(radiance[:, None], 3, axis=1),
     )
+
+
+def lamp_scene(count: int) -> ph.Scene:
+    """A white floor under small lamps, seen from just above it, so that none is in the way."""
     floor = _floor(ph.Material("diffuse", color=(1.0, 1.0, 1.0)))
     camera = ph.Camera(
         eye=(0.0, 0.01, 0.0),
@@ -166,7 +175,7 @@ def lamp_scene(count: int) -> ph.Scene:
         projection="orthographic",
         height=LAMP_FLOOR,
     )
-    return ph.Scene([floor, shining], camera=camera, background=None)
+    return ph.Scene([floor, lamp_mesh(count)], camera=camera, background=None)
 
 
 SCENES: dict[str, Callable[[], ph.Scene]] = {

@@ -46,8 +46,8 @@ def kernels() -> Iterator[tuple[str, int, Callable[[], Any]]]:
 
     import parhelion as ph
 
+    from .gallery import lamp_mesh
     from .rays import bounces, camera_rays, wavy_sphere
-    from .scenes import lamps
 
     vertices, faces = wavy_sphere(1000)
     rng = np.random.default_rng(1)
@@ -94,14 +94,7 @@ def kernels() -> Iterator[tuple[str, int, Callable[[], Any]]]:
         yield picture(f"a bounce, {name}", ph.Scene([floor(material)], background=white), 2)
 
     def lit(count: int) -> list[Any]:
-        corners, radiance = lamps(count)
-        shining = ph.Mesh(
-            corners.reshape(-1, 3),
-            np.arange(3 * count).reshape(-1, 3),
-            material=ph.Material("emissive"),
-            colors=np.repeat(radiance[:, None], 3, axis=1),
-        )
-        return [floor(ph.Material("diffuse")), shining]
+        return [floor(ph.Material("diffuse")), lamp_mesh(count)]
 
     yield picture("light from 2 lamps", ph.Scene(lit(2), background=None), 2)
     yield picture("light from 1,000 lamps", ph.Scene(lit(1000), background=None), 2)

@@ -19,6 +19,7 @@ from typing import Any
 from .equal import equal
 from .lights import lights
 from .loading import loading
+from .noise import noise
 from .process import Worker, run, start_seconds
 from .rays import rays
 from .references import references
@@ -250,10 +251,11 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
     "loading": loading,
     "trajectories": trajectories,
     "references": references,
+    "noise": noise,
 }
 
 # What is not measured unless it is asked for: whether pictures are right, and what takes long.
-ASKED = ("references", "equal", "threads")
+ASKED = ("references", "equal", "threads", "noise")
 
 
 def alternate(

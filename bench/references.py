@@ -66,7 +66,7 @@ def references(plan: Any, notes: Any) -> list[Row]:
             for above in (path.parent, path.parent.parent):
                 picture = above / "TungstenRender.exr"
                 if picture.exists():
-                    found.append({"scene": name} | _tungsten(notes, job, picture, folder))
+                    found.append({"scene": name} | _tungsten(job, picture, folder))
         except BenchError as problem:
             notes.add(f"references: {name} was not compared: {problem}")
     (folder / "references.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
@@ -76,8 +76,7 @@ def references(plan: Any, notes: Any) -> list[Row]:
     for one in found:
         what = f"{one['scene']} / {one['against']}"
         rows.append(Row("mean of", what, "x", one["ratio"]))
-        if one["flip"] is not None:
-            rows.append(Row("FLIP of", what, "", [one["flip"]]))
+        rows.append(Row("FLIP of", what, "", [one["flip"]]))
         if one["p"] is not None and one["p"] < 0.01:
             notes.add(f"references: {what} differ: {one['verdict']}")
     return rows
@@ -93,7 +92,7 @@ def report(found: list[dict[str, Any]]) -> str:
                 one["against"],
                 " ".join(f"{ratio:.4f}" for ratio in one["ratio"]),
                 "" if one["p"] is None else f"{one['p']:.2g}",
-                "" if one["flip"] is None else f"{one['flip']:.4f}",
+                f"{one['flip']:.4f}",
             ]
         )
     return markdown(cells)
@@ -150,7 +149,7 @@ def _live(
 ) -> dict[str, Any]:
     """Ours against Mitsuba, each in a process of its own, one after the other."""
     import numpy as np
-    from tests.reference_tools import Batches, compare, side_by_side
+    from tests.reference_tools import Batches, compare, save_side_by_side
 
     from .measure import OURS, PEERS
 
@@ -172,22 +171,22 @@ def _live(
     ours, theirs = pictures[OURS], pictures[peer]
     verdict = compare(ours, theirs, SPP)
     name = "-".join(Path(job["xml"]).relative_to(SHARED).with_suffix("").parts)
-    side_by_side(ours.mean, theirs.mean, folder / f"{name}.png")
+    save_side_by_side(ours.mean, theirs.mean, folder / f"{name}.png")
     return {
         "against": peer,
         "ratio": [float(r) for r in verdict.ratio],
-        "p": verdict.p,
+        "p": verdict.test.p,
         "verdict": str(verdict),
-        "flip": flip(notes, theirs.mean, ours.mean),
+        "flip": seen(ours.mean, theirs.mean),
         "samples": BATCHES * SPP,
         "size": list(size),
     }
 
 
-def _tungsten(notes: Any, job: dict[str, Any], path: Path, folder: Path) -> dict[str, Any]:
+def _tungsten(job: dict[str, Any], path: Path, folder: Path) -> dict[str, Any]:
     """Ours against Tungsten's picture, which has no variance: means and FLIP."""
     import numpy as np
-    from tests.reference_tools import read_linear, side_by_side
+    from tests.reference_tools import read_linear, save_side_by_side
 
     from .measure import OURS
 
@@ -203,27 +202,25 @@ def _tungsten(notes: Any, job: dict[str, Any], path: Path, folder: Path) -> dict
         part.unlink()
     finally:
         worker.close()
-    side_by_side(ours, picture, folder / f"{path.parent.name}-{Path(job['xml']).stem}-tungsten.png")
+    save_side_by_side(
+        ours, picture, folder / f"{path.parent.name}-{Path(job['xml']).stem}-tungsten.png"
+    )
     ratio = ours.mean(axis=(0, 1)) / picture.mean(axis=(0, 1))
     return {
         "against": "Tungsten",
         "ratio": [float(r) for r in ratio],
         "p": None,
         "verdict": None,
-        "flip": flip(notes, picture, ours),
+        "flip": seen(ours, picture),
         "samples": TUNGSTEN_SPP,
         "size": [width, height],
     }
 
 
-def flip(notes: Any, reference: Any, ours: Any) -> float | None:
-    """Mean HDR-FLIP (Andersson et al. 2021) of linear pictures, by its authors' package."""
+def seen(ours: Any, reference: Any) -> float:
+    """Mean HDR-FLIP (Andersson et al. 2021) of linear pictures."""
     import numpy as np
 
-    try:
-        import flip_evaluator
-    except ImportError:
-        notes.add("references: no FLIP: flip-evaluator is not installed")
-        return None
-    pair = [np.ascontiguousarray(np.maximum(p, 0.0), np.float32) for p in (reference, ours)]
-    return float(flip_evaluator.evaluate(*pair, "HDR", applyMagma=False)[1])
+    from parhelion.flip import flip
+
+    return float(flip(np.maximum(ours, 0.0), np.maximum(reference, 0.0), hdr=True).mean())

@@ -1,0 +1,231 @@
+"""`parhelion view` under load.
+
+python -m bench.view latency    from a key in a real page to the picture that it leads to
+python -m bench.view soak       clients that come and go, and what memory is taken meanwhile
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import random
+import shutil
+import socket
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from urllib.parse import urlsplit
+
+import parhelion as ph
+from parhelion.view.server import Server
+from parhelion.view.session import Session, resident
+
+from .scenes import cloud
+
+# Milliseconds until something is to be seen after a camera moved
+WANTED = 300.0
+# Bytes that may be taken beyond what is taken in the first half of the time
+SLACK = 32e6
+
+
+def scene(spheres: int) -> ph.Scene:
+    """Random spheres, as the bench's other clouds, or the built-in scene if there are none."""
+    if not spheres:
+        return ph.weekend()
+    centers, radius = cloud(spheres)
+    matte = ph.Material("diffuse", color=(0.7, 0.6, 0.5))
+    return ph.Scene([ph.Spheres(centers, radius, matte)])
+
+
+# --- Latency -------------------------------------------------------------------------------------
+
+# Presses a key in the page; resolves to milliseconds until a picture of the new camera is drawn.
+PRESS = """(key) => new Promise((resolve) => {
+  const before = Number(document.body.dataset.stamp || 0);
+  const start = performance.now();
+  const observer = new MutationObserver(() => {
+    if (Number(document.body.dataset.stamp) > before) {
+      observer.disconnect();
+      resolve(performance.now() - start);
+    }
+  });
+  observer.observe(document.body, { attributes: true, attributeFilter: ["data-stamp"] });
+  document.querySelector("[role=application]").dispatchEvent(
+    new KeyboardEvent("keydown", { key, bubbles: true }));
+})"""
+
+
+def latency(spheres: int, moves: int, width: int, height: int) -> int:
+    """Prints the milliseconds; 1 if more than one move in twenty takes longer than wanted."""
+    from playwright.sync_api import sync_playwright
+
+    names = ("chromium", "chromium-browser", "google-chrome")
+    path = os.environ.get("PARHELION_CHROMIUM") or next(filter(None, map(shutil.which, names)))
+    rng = random.Random(1)
+    with Session(scene(spheres)) as session, Server(session) as server, sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.goto(server.url)
+        page.wait_for_selector('body[data-scale="1"]', timeout=120_000)
+        taken = []
+        for k in range(moves):
+            time.sleep(rng.uniform(0.0, 0.6))  # in the middle of whatever is under way
+            key = ("ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "+", "-")[k % 6]
+            taken.append(page.evaluate(PRESS, key))
+        size = session.state()
+        browser.close()
+    taken.sort()
+    late = sum(t > WANTED for t in taken)
+    print(
+        f"{spheres or 'weekend'} spheres, {size['width']}x{size['height']}, {moves} moves:"
+        f" median {statistics.median(taken):.0f} ms, 95 % {taken[int(0.95 * moves)]:.0f} ms,"
+        f" longest {taken[-1]:.0f} ms; {late} over {WANTED:.0f} ms"
+    )
+    return int(late > moves / 20)
+
+
+# --- Soak ----------------------------------------------------------------------------------------
+
+
+def soak(minutes: float, clients: int, spheres: int, every: float) -> int:
+    """Prints what is taken, by time; 1 if it grows."""
+    rows: list[tuple[float, int, int, int]] = []
+    # small pictures, so that what is kept by mistake is not lost among what they take
+    with Session(scene(spheres), width=320, height=180) as session, Server(session) as server:
+        command = [sys.executable, "-m", "bench.view", "clients", server.url, str(clients)]
+        visitors = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+        print("  minutes    MB  threads  files  objects  clients  frames", flush=True)
+        start = time.monotonic()
+        try:
+            while time.monotonic() - start < 60 * minutes:
+                time.sleep(every)
+                passed = (time.monotonic() - start) / 60
+                taken = resident() or 0
+                files = len(os.listdir("/proc/self/fd"))
+                gc.collect()
+                objects = len(gc.get_objects())
+                rows.append((passed, taken, threading.active_count(), files))
+                number = session.frame.number if session.frame else 0
+                print(
+                    f"{passed:9.1f} {taken / 1e6:5.0f} {threading.active_count():8d} {files:6d}"
+                    f" {objects:8d}"
+                    f" {server.clients:8d} {number:7d}",
+                    flush=True,
+                )
+                if visitors.poll() is not None:
+                    print("the clients ended")
+                    return 1
+        finally:
+            visitors.terminate()
+            visitors.wait()
+        end = time.monotonic() + 60
+        while server.clients and time.monotonic() < end:
+            time.sleep(0.1)
+        left = server.clients
+    # medians: what is taken for a moment, to save a file say, is no leak
+    early = statistics.median(row[1] for row in rows if 0.25 < row[0] / minutes <= 0.5)
+    late = statistics.median(row[1] for row in rows if row[0] / minutes > 0.75)
+    print(f"second quarter {early / 1e6:.0f} MB, last {late / 1e6:.0f} MB, {left} clients left")
+    return int(late > early + SLACK or left > 0)
+
+
+def visit(url: str, clients: int) -> None:
+    """Many clients, each for some seconds and then another one, until the process is ended."""
+    for k in range(clients):
+        threading.Thread(target=_come_and_go, args=(url, k), daemon=True).start()
+    while True:
+        time.sleep(60)
+
+
+def _come_and_go(url: str, seed: int) -> None:
+    from websockets.exceptions import WebSocketException
+    from websockets.sync.client import connect
+
+    rng = random.Random(seed)
+    target = f"{url.replace('http', 'ws')}session"
+    while True:
+        with suppress(WebSocketException, OSError, TimeoutError):
+            kind = rng.random()
+            if kind < 0.1:
+                _deaf(url, rng)
+            else:
+                with connect(target, max_size=None, close_timeout=1) as ws:
+                    _use(ws, rng, answers=kind < 0.9)
+                    if rng.random() < 0.3:
+                        ws.socket.close()  # gone without a word
+        time.sleep(rng.uniform(0.0, 1.0))
+
+
+def _deaf(url: str, rng: random.Random) -> None:
+    """One that never reads."""
+    parts = urlsplit(url)
+    with socket.create_connection((parts.hostname, parts.port)) as raw:
+        raw.sendall(
+            f"GET {parts.path}session HTTP/1.1\r\nHost: {parts.netloc}\r\nUpgrade: websocket\r\n"
+            "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n".encode()
+        )
+        time.sleep(rng.uniform(0.0, 30.0))
+
+
+def _use(ws: object, rng: random.Random, answers: bool) -> None:
+    end = time.monotonic() + rng.uniform(0.0, 20.0)
+    while time.monotonic() < end:
+        raw = ws.recv(5.0)  # type: ignore[attr-defined]
+        header = json.loads(raw[4 : 4 + int.from_bytes(raw[:4], "little")])
+        if header["type"] == "frame" and answers:
+            ws.send(json.dumps({"type": "seen", "frame": header["number"]}))  # type: ignore[attr-defined]
+        if rng.random() < 0.4:
+            ws.send(_message(rng))  # type: ignore[attr-defined]
+
+
+def _message(rng: random.Random) -> str:
+    eye = [rng.uniform(-9, 9), rng.uniform(1, 4), rng.uniform(-9, 9)]
+    choices = [
+        *[{"type": "look", "camera": {"eye": eye}, "stamp": 1}] * 12,
+        {"type": "home"},
+        {"type": "size", "width": rng.randrange(160, 320), "height": rng.randrange(90, 180)},
+        {"type": "show", "exposure": rng.uniform(-2, 2)},
+        {"type": "show", "layer": rng.choice(["picture", "picture", "normal", "depth", "error"])},
+        {"type": "show", "view_transform": rng.choice(["srgb", "agx", "aces"])},
+        {"type": "crop", "part": rng.choice([None, [0.2, 0.2, 0.5, 0.5]])},
+        {"type": "change", "kind": "materials", "index": 0, "name": "color",
+         "value": [rng.random() for _ in range(3)]},
+        {"type": "hide", "objects": rng.choice([[], [0]])},
+        {"type": "restore"},
+        {"type": "pick", "x": rng.random(), "y": rng.random()},
+        {"type": "save", "format": rng.choice(["png", "exr"])},
+        {"type": "nonsense"},
+    ]  # fmt: skip
+    return json.dumps(rng.choice(choices))
+
+
+def main() -> int:
+    """One of the measurements; its exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("what", choices=("latency", "soak", "clients"), help="clients: soak's own")
+    parser.add_argument("rest", nargs="*", help=argparse.SUPPRESS)
+    parser.add_argument("--spheres", type=float, default=0, help="default: the built-in scene")
+    parser.add_argument("--moves", type=int, default=60)
+    parser.add_argument("--size", type=int, nargs=2, default=(1280, 800), help="of the window")
+    parser.add_argument("--minutes", type=float, default=60)
+    parser.add_argument("--clients", type=int, default=6)
+    parser.add_argument("--every", type=float, default=15, help="seconds between two rows")
+    args = parser.parse_args()
+    if args.what == "clients":
+        visit(args.rest[0], int(args.rest[1]))
+    if args.what == "latency":
+        return latency(int(args.spheres), args.moves, *args.size)
+    import logging
+
+    logging.getLogger("parhelion").setLevel("ERROR")  # of what is refused there is much
+    return soak(args.minutes, args.clients, int(args.spheres), args.every)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
