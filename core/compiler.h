@@ -20,7 +20,9 @@ PH_INLINE void prefetch(const void*) {}  // other threads work meanwhile
 
 #else
 
+#ifndef PH_INLINE
 #define PH_INLINE [[gnu::always_inline]] inline
+#endif
 #define PH_TABLE inline constexpr  // an array of constants
 
 namespace parhelion::compiler {
