@@ -527,26 +527,27 @@ Schedule schedule_of(const std::string& name) {
   throw SceneError("unknown schedule '" + name + "' (choices: dynamic, static, guided)");
 }
 
-using Targets = nb::ndarray<const u32, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Counts = nb::ndarray<const u32, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
-// targets: samples per pixel, the same for all, by block, or by pixel.
+// targets: samples per pixel, the same for all, by cell, or by pixel.
 std::tuple<u64, u64, bool> render(Film& film, const Scene& scene, const RenderView& view,
-                                  const std::variant<u32, Targets>& targets, int threads, u32 tile,
+                                  const std::variant<u32, Counts>& targets, int threads, u32 tile,
                                   const std::string& schedule, const std::string& isa,
                                   nb::object tick) {
-  const size_t down = film.blocks_down(), across = film.blocks_across();
-  std::vector<u32> wanted(down * across);
+  const size_t down = film.cells_down(), across = film.cells_across();
+  Targets wanted;
   if (const u32* all = std::get_if<u32>(&targets)) {
-    wanted.assign(wanted.size(), *all);
+    wanted.samples.assign(down * across, *all);
   } else {
-    const Targets& given = std::get<Targets>(targets);
-    const bool of_blocks = given.shape(0) == down && given.shape(1) == across;
-    if (!of_blocks && !(given.shape(0) == film.height && given.shape(1) == film.width)) {
+    const Counts& given = std::get<Counts>(targets);
+    const bool by_cell = given.shape(0) == down && given.shape(1) == across;
+    wanted.by_pixel = given.shape(0) == film.height && given.shape(1) == film.width;
+    if (!by_cell && !wanted.by_pixel) {
       throw SceneError("targets must be " + std::to_string(down) + " by " + std::to_string(across) +
-                       ", for blocks, or " + std::to_string(film.height) + " by " +
+                       ", for cells, or " + std::to_string(film.height) + " by " +
                        std::to_string(film.width));
     }
-    wanted.assign(given.data(), given.data() + given.size());
+    wanted.samples.assign(given.data(), given.data() + given.size());
   }
   if (threads < 1) throw SceneError("threads must be at least 1");
   if (tile < 1) throw SceneError("tile must be at least 1");
@@ -577,11 +578,11 @@ std::tuple<u64, u64, bool> render(Film& film, const Scene& scene, const RenderVi
   return {result.samples, result.rays, result.complete};
 }
 
-// Film::errors, (blocks down, blocks across).
+// Film::errors, (cells down, cells across).
 nb::object film_errors(const Film& film) {
   if (film.prefixes.empty()) throw SceneError("the film was made without errors");
   double* out;
-  nb::object errors = make_array<double>({film.blocks_down(), film.blocks_across()}, out);
+  nb::object errors = make_array<double>({film.cells_down(), film.cells_across()}, out);
   film.errors(out);
   return errors;
 }

@@ -48,20 +48,21 @@ Estimate estimate(const FilmPixel& pixel, const Prefix& prefix) {
 }  // namespace
 
 void Film::errors(double* mean_squares) const {
-  const u32 across = blocks_across(), down = blocks_down();
+  const u32 across = cells_across(), down = cells_down();
   double sum = 0.0;
   for (const FilmPixel& p : pixels) {
     for (const FilmSum& rgb : p.rgb) sum += baseline::mean(rgb, p.count) / 3.0;
   }
   const double floor = kDark * sum / static_cast<double>(pixels.size());
 #pragma omp parallel for schedule(static)
-  for (i64 block = 0; block < i64{across} * down; ++block) {
-    const u32 x0 = static_cast<u32>(block % across) * kBlock;
-    const u32 y0 = static_cast<u32>(block / across) * kBlock;
+  for (i64 cell = 0; cell < i64{across} * down; ++cell) {
+    const u32 x0 = static_cast<u32>(cell % across) * kBlock, row = static_cast<u32>(cell / across);
+    const u32 y0 = row / 2 * kBlock;
     const u32 x1 = std::min(x0 + kBlock, width), y1 = std::min(y0 + kBlock, height);
     double total = 0.0;
-    for (u32 py = y0; py < y1; ++py) {
-      for (u32 px = x0; px < x1; ++px) {
+    u32 count = 0;
+    for (u32 py = std::min(y0 + row % 2, y1 - 1); py < y1; py += 2) {
+      for (u32 px = x0; px < x1; ++px, ++count) {
         const size_t at = static_cast<size_t>(py) * width + px;
         if (pixels[at].count < 2) {
           total = std::numeric_limits<double>::infinity();
@@ -72,7 +73,7 @@ void Film::errors(double* mean_squares) const {
         if (e.variance > 0.0) total += e.variance / (scale * scale);
       }
     }
-    mean_squares[block] = total / ((x1 - x0) * (y1 - y0));
+    mean_squares[cell] = total / count;
   }
 }
 

@@ -103,11 +103,12 @@ struct Run {
   u32 x0, x1, count, target;
 };
 
-Run run_at(const Film& film, std::span<const u32> targets, u32 x, u32 end, u32 y) {
+Run run_at(const Film& film, const Targets& targets, u32 x, u32 end, u32 y) {
   const FilmPixel* row = &film.pixels[static_cast<size_t>(y) * film.width];
-  const bool by_pixel = targets.size() == film.pixels.size();
-  const u32 side = by_pixel ? 1 : kBlock, across = by_pixel ? film.width : film.blocks_across();
-  const u32* target = &targets[static_cast<size_t>(y / side) * across];
+  const u32 side = targets.by_pixel ? 1 : kBlock;
+  const u32 line = targets.by_pixel ? y : film.cell_row(y);
+  const u32 across = targets.by_pixel ? film.width : film.cells_across();
+  const u32* target = &targets.samples[static_cast<size_t>(line) * across];
   Run run = {x, x + 1, row[x].count, target[x / side]};
   while (run.x1 < end && row[run.x1].count == run.count && target[run.x1 / side] == run.target) {
     ++run.x1;
@@ -131,7 +132,7 @@ void keep_prefix(Film& film, const Run& run, u32 y, u32 count) {
 }  // namespace
 
 PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderView& view,
-                       Film& film, std::span<const u32> targets, const RenderOptions& options,
+                       Film& film, const Targets& targets, const RenderOptions& options,
                        const Tick& tick) {
   const u32 edge = options.tile;
   const u32 across = (film.width + edge - 1) / edge, down = (film.height + edge - 1) / edge;

@@ -13,8 +13,10 @@ namespace parhelion {
 // Pairs of id and coverage that a pixel keeps of a Cryptomatte, the specification's suggestion.
 inline constexpr size_t kMatteRanks = 6;
 
-// Blocks of so many pixels a side, from the film's top left one, are what targets are set for and
-// errors told of.
+// The film is divided into blocks of so many pixels a side, from its top left one on. The even rows
+// of a block are one cell and its odd rows another: what targets are set for and errors told of.
+// What the samples of one tell decides how many the other gets: a mean must not decide over its own
+// number of samples, or it ends where it happens to be low.
 inline constexpr u32 kBlock = 8;
 
 // Means of a pixel's first samples: of the largest power of two of them that are there, and of half
@@ -33,10 +35,14 @@ struct Film {
 
   Film(u32 x, u32 y, u32 width, u32 height, bool with_features = false, bool with_errors = false,
        u32 first = 0);
-  u32 blocks_across() const { return (width + kBlock - 1) / kBlock; }
-  u32 blocks_down() const { return (height + kBlock - 1) / kBlock; }
-  // For each block, row by row, the mean over its pixels of the squared standard error of a pixel
-  // relative to its brightness; infinite where a pixel has fewer than two samples. See error.cpp.
+  // Cells lie in rows of one a block: the even ones of the first row of blocks, the odd ones of it,
+  // the even ones of the next, and so on.
+  u32 cells_across() const { return (width + kBlock - 1) / kBlock; }
+  u32 cells_down() const { return 2 * ((height + kBlock - 1) / kBlock); }
+  u32 cell_row(u32 row) const { return 2 * (row / kBlock) + row % 2; }
+  // For each cell the mean over its pixels of the squared standard error of a pixel relative to its
+  // brightness; infinite where a pixel has fewer than two samples. Of odd rows where there is but
+  // an even one, it is that one's. See error.cpp.
   void errors(double* mean_squares) const;
   // For each pixel the estimated variance of its mean, itself the mean over the three channels;
   // infinite with fewer than two samples. It rests on three numbers: only sums over many say much.
@@ -63,14 +69,19 @@ struct PassResult {
   bool complete = true;  // false if `tick` stopped it
 };
 
+// How many samples each cell of a film is to have, or each pixel, row by row.
+struct Targets {
+  std::vector<u32> samples;
+  bool by_pixel = false;
+};
+
 // Called now and then by the calling thread with what the pass has done so far; true stops it.
 using Tick = std::function<bool(u64 samples, u64 rays)>;
 
 // Brings every pixel up to the number of samples that its target says. Those that it has stay: a
-// pass that was stopped goes on if it is asked for again. targets: one a block or one a pixel, row
-// by row.
+// pass that was stopped goes on if it is asked for again.
 PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderView& view,
-                       Film& film, std::span<const u32> targets, const RenderOptions& options,
+                       Film& film, const Targets& targets, const RenderOptions& options,
                        const Tick& tick);
 
 // Lets go of OpenMP's threads, which do not survive a fork.

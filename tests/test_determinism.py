@@ -14,6 +14,7 @@ import pytest
 
 import parhelion as ph
 from parhelion import _core
+from parhelion.progressive import cell_areas
 from parhelion.renderer import make_view, merged
 
 # Seconds after which a process counts as hung; the pictures here take a few hundredths of one.
@@ -98,7 +99,7 @@ def test_passes_to_any_targets_add_up_to_the_same_bits(
     assert scene.scene.camera is not None
     view = make_view(scene, scene.scene.camera, settings)
     film, rng = _core.Film(0, 0, *SIZE), np.random.default_rng(1)
-    shapes = [tuple(-(-side // edge) for side in SIZE[::-1]) for edge in (_core.block, 1)]
+    shapes = [cell_areas(film).shape, SIZE[::-1]]
     for i, level in enumerate(levels):
         targets = rng.integers(0, level + 1, shapes[i % 2], np.uint32) if by_part else level
         for each in (targets, level if level == 12 else 0):  # 0 takes nothing away
@@ -118,13 +119,13 @@ def test_passes_to_any_targets_add_up_to_the_same_bits(
     np.testing.assert_array_equal(pixels, picture(spp=12))
 
 
-def test_targets_are_of_the_films_blocks() -> None:
+def test_targets_are_of_the_films_cells() -> None:
     scene = prepared()
     assert scene.scene.camera is not None
     view = make_view(scene, scene.scene.camera, merged(scene.scene.settings, {"width": 20}))
     film = _core.Film(0, 0, 20, 11)
-    for shape in ((3, 2), (2, 4), (1, 3)):
-        with pytest.raises(ValueError, match="2 by 3, for blocks, or 11 by 20"):
+    for shape in ((3, 4), (2, 3), (4, 2)):
+        with pytest.raises(ValueError, match="4 by 3, for cells, or 11 by 20"):
             film.render(
                 scene.core,
                 view,

@@ -11,7 +11,14 @@ import pytest
 
 import parhelion as ph
 from parhelion import _core
-from parhelion.progressive import CONFIDENCE, block_errors, next_round, picture_error
+from parhelion.progressive import (
+    CONFIDENCE,
+    block_errors,
+    cell_areas,
+    errors_by_others,
+    next_round,
+    picture_error,
+)
 from parhelion.renderer import make_view, merged, prepare
 
 SIZE = {"width": 48, "height": 27}
@@ -62,7 +69,7 @@ def test_95_of_100_pixels_are_as_near_to_the_truth_as_was_asked_for(
     for seed in range(6):
         image = ph.render(spheres, noise=0.15, seed=seed, **SIZE)
         assert image.stats.ended == "noise"
-        assert image.features["error"].max() <= 0.15
+        assert image.stats.error <= 0.15
         within.append((deviations(image.numpy(), truth) <= 0.15).mean())
     assert min(within) > 0.93
     assert np.mean(within) > 0.95
@@ -140,7 +147,7 @@ def test_a_film_says_where_its_noise_is() -> None:
     assert error[:, 48:].min() > 1e-3
 
 
-def test_errors_are_of_blocks(spheres: Any) -> None:
+def test_errors_are_of_every_other_row_of_blocks(spheres: Any) -> None:
     settings = merged(ph.Settings(), {"width": 20, "height": 11, "filter": "box"})
     assert spheres.scene.camera is not None
     view = make_view(spheres, spheres.scene.camera, settings)
@@ -150,30 +157,33 @@ def test_errors_are_of_blocks(spheres: Any) -> None:
     work = {"threads": 1, "tile": 16, "schedule": "dynamic", "isa": "", "tick": None}
     film.render(spheres.core, view, 1, **work)
     assert np.isinf(film.errors()).all()  # one sample tells nothing
-    targets = np.full((2, 3), 7, np.uint32)
-    targets[0, 1] = 12
+    targets = np.full((4, 3), 7, np.uint32)
+    targets[0, 1], targets[3, 2] = 12, 9
     film.render(spheres.core, view, targets, **work)
-    assert film.errors().shape == (2, 3)
+    assert film.errors().shape == (4, 3)
+    areas = np.array([[32, 32, 16], [32, 32, 16], [16, 16, 8], [8, 8, 4]])
+    np.testing.assert_array_equal(cell_areas(film), areas)
     # What they are by their definition, from samples one by one
-    expected = np.zeros((2, 3))
+    expected = np.zeros((4, 3))
     pixels, counts, _ = film.arrays()
     dark = 0.01 * pixels.astype(float).mean(axis=2).mean()
     for y in range(11):
         for x in range(20):
+            cell = y // 8 * 2 + y % 2, x // 8
             n = int(counts[y, x])
+            assert n == targets[cell]
             samples = np.array([_core.one_sample(spheres.core, view, x, y, s) for s in range(n)])
             power = 1 << (n.bit_length() - 1)
             parts = [samples[: power // 2], samples[power // 2 : power], samples[power:]]
             mean = samples.mean(axis=0)
             variance = sum(len(p) * (p.mean(axis=0) - mean) ** 2 for p in parts) / (2 * n)
-            block = (8 * min(8, 20 - x // 8 * 8), 3 * min(8, 20 - x // 8 * 8))[y // 8]
-            expected[y // 8, x // 8] += variance.mean() / (mean.mean() + dark) ** 2 / block
+            expected[cell] += variance.mean() / (mean.mean() + dark) ** 2 / areas[cell]
     np.testing.assert_allclose(film.errors(), expected, rtol=1e-4)
     # a block is as noisy as it is itself or as its surroundings are, whichever is more
-    around = [expected[np.ix_(rows, columns)].mean() for rows, columns in _NEIGHBOURS]
-    told = CONFIDENCE * np.sqrt(np.maximum(expected.ravel(), around))
+    both = (expected * areas).reshape(2, 2, 3).sum(1) / areas.reshape(2, 2, 3).sum(1)
+    around = [both[np.ix_(rows, columns)].mean() for rows, columns in _NEIGHBOURS]
+    told = CONFIDENCE * np.sqrt(np.maximum(both.ravel(), around))
     np.testing.assert_allclose(block_errors(film).ravel(), told, rtol=1e-4)
-    areas = np.array([[64, 64, 32], [24, 24, 12]])
     overall = CONFIDENCE * math.sqrt((expected * areas).sum() / 220)
     assert picture_error(film) == pytest.approx(overall, rel=1e-4)
 
@@ -184,6 +194,65 @@ _NEIGHBOURS = [
     for down in range(2)
     for across in range(3)
 ]
+
+
+def test_rows_that_are_alone_in_their_block_tell_of_themselves(spheres: Any) -> None:
+    image = ph.render(spheres, noise=0.3, width=24, height=9, spp=4096)
+    assert image.stats.ended == "noise"
+    assert image.counts[8].max() > 16
+
+
+def test_a_cells_own_samples_have_no_say() -> None:
+    rng = np.random.default_rng(1)
+    squares, counts = rng.random((6, 4)), np.full((6, 4), 64, np.uint32)
+    told = errors_by_others(squares, counts)
+    for row in range(6):
+        for column in range(4):
+            others = squares.copy()
+            others[row % 2 :: 2] = rng.random((3, 4))  # its own rows, and all like them
+            assert errors_by_others(others, counts)[row, column] == told[row, column]
+    # those of the same block, or those all around, whichever tell more
+    beside = squares.reshape(3, 2, 4)[1, 1, 1:3]
+    around = squares.reshape(3, 2, 4)[:, 1].copy()
+    means = np.array([around[:, i : i + 3].mean() for i in range(2)])
+    np.testing.assert_allclose(told[2, 1:3], CONFIDENCE * np.sqrt(np.maximum(beside, means)))
+
+
+def test_more_samples_than_the_others_have_are_nearer_to_the_truth() -> None:
+    squares, counts = np.full((2, 3), 0.04), np.full((2, 3), 64, np.uint32)
+    counts[0] = 256
+    told = errors_by_others(squares, counts)
+    np.testing.assert_allclose(told[0], CONFIDENCE * 0.1)
+    np.testing.assert_allclose(told[1], CONFIDENCE * 0.2)
+
+
+def ended_at_noise(samples: np.ndarray, others: bool, noise: float) -> list[float]:
+    """The means of two cells, (cells, pixels, samples), when others, or they themselves, say so."""
+    counts = np.full((2, 1), 16, np.uint32)
+    while True:
+        squares = np.zeros((2, 1))
+        for cell, n in enumerate(counts[:, 0]):
+            parts = samples[cell, :, :n].reshape(samples.shape[1], -1, n // 8).mean(axis=2)
+            squares[cell] = (parts.var(axis=1, ddof=1) / 8 / parts.mean(axis=1) ** 2).mean()
+        told = errors_by_others(squares if others else squares[::-1], counts)
+        more = (told > noise) & (counts < samples.shape[2])
+        if not more.any():
+            return [samples[cell, :, :n].mean() for cell, n in enumerate(counts[:, 0])]
+        counts[more] *= 2
+
+
+def test_when_others_decide_rare_light_is_not_lost() -> None:
+    """Pixels that are 30 with a chance of 1 in 50, and 1 otherwise."""
+    rng = np.random.default_rng(2)
+    expected, others, own = 1.58, [], []
+    for _ in range(400):
+        samples = np.where(rng.random((2, 32, 4096)) < 0.02, 30.0, 1.0)
+        others += ended_at_noise(samples, True, 0.4)
+        own += ended_at_noise(samples, False, 0.4)
+    spread = np.std(others) / math.sqrt(len(others))
+    assert np.mean(others) == pytest.approx(expected, abs=3 * spread)
+    difference = np.subtract(others, own)
+    assert difference.mean() > 3 * difference.std() / math.sqrt(len(own))
 
 
 def test_rounds_overshoot_by_half_at_most() -> None:

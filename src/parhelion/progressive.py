@@ -40,8 +40,8 @@ MOST_SAMPLES = 1 << 24
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """When to stop, whichever is first. spp: samples per pixel. noise: what block_errors() must not
-    be above, or None. deadline: as of time.perf_counter(), or None. counts: samples of each pixel,
+    """When to stop, whichever is first. spp: samples per pixel. noise: what no cell's error may be
+    above, or None. deadline: as of time.perf_counter(), or None. counts: samples of each pixel,
     (H, W) uint32, in the place of spp and noise.
     """
 
@@ -78,7 +78,7 @@ class Spent:
 class Rendering:
     """A film on its way to a goal.
 
-    done, targets: samples per pixel that each block of the film has, and is to have before the next
+    done, targets: samples per pixel that each cell of the film has, and is to have before the next
     decision, uint32; of each pixel, if the goal is. spent: what it took. A resumed one begins with
     what these were. error: of the picture, by the last look at it; None before.
     """
@@ -86,7 +86,7 @@ class Rendering:
     def __init__(self, film: Any, core: Any, view: Any, goal: Goal, work: Work) -> None:
         self.film, self.goal = film, goal
         if goal.counts is None:
-            self.areas = block_areas(film)
+            self.areas = cell_areas(film)
             self.targets = np.full(self.areas.shape, goal.first_round, np.uint32)
         else:
             self.areas = np.ones(goal.counts.shape, np.int64)
@@ -136,7 +136,7 @@ class Rendering:
 
     def _look(self, noise: float) -> None:
         """Tells the error, and sets new targets or, where nothing is left to do, ends it."""
-        errors = block_errors(self.film)
+        errors = errors_by_others(self.film.errors(), self.targets)
         self.error = picture_error(self.film)
         more = (errors > noise) & (self.targets < self.goal.spp)
         if self._ended is not None:
@@ -189,7 +189,7 @@ class Rendering:
 
 def next_round(samples: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """Samples per pixel after which the noise is looked at again: 16, 24, 32, 48, 64, 96, ..., by
-    which no block gets more than half as many again as it needs.
+    which no cell gets more than half as many again as it needs.
     """
     power = np.uint32(1) << (np.frexp(samples)[1] - 1).astype(np.uint32)  # the largest in it
     half = power + power // 2
@@ -199,34 +199,71 @@ def next_round(samples: NDArray[np.uint32]) -> NDArray[np.uint32]:
     return following
 
 
-def block_areas(film: Any) -> NDArray[np.int64]:
-    """Pixels in each block of a film, (blocks down, blocks across)."""
+def cell_areas(film: Any) -> NDArray[np.int64]:
+    """Pixels in each cell of a film, (cells down, cells across): the even rows of blocks, and the
+    odd ones, in turn.
+    """
     from . import _core
 
     heights, widths = (
         np.minimum(_core.block, side - np.arange(0, side, _core.block))
         for side in (film.height, film.width)
     )
-    areas: NDArray[np.int64] = np.outer(heights, widths)
+    rows = np.stack([(heights + 1) // 2, heights // 2], axis=1).reshape(-1)
+    areas: NDArray[np.int64] = np.outer(rows, widths)
     return areas
 
 
-def block_errors(film: Any) -> NDArray[np.float64]:
-    """How far the pixels of each block may be from what infinitely many samples would show.
+def errors_by_others(
+    squares: NDArray[np.float64], counts: NDArray[np.uint32]
+) -> NDArray[np.float64]:
+    """How far the pixels of each cell may be from what infinitely many samples would show, as those
+    tell it that are like them: the other rows of the block.
 
-    (blocks down, blocks across): within 95 % confidence, as a share of a pixel's brightness, the
-    root mean square over the block or, where that is more, over it and the eight around it. Those
-    tell what the few pixels of one block may not have seen yet, such as the rare and bright.
+    squares: mean squares of the standard errors, as Film.errors(); counts: samples per pixel, both
+    (cells down, cells across). Within 95 % confidence, as a share of a pixel's brightness. Where it
+    is more, those rows of the block and of the eight around it together tell: they know what the
+    few pixels of one may not have seen yet, such as the rare and bright.
+
+    A mean whose own samples decide when there are enough of them ends too low, for it ends where
+    the bright ones have not come (D. Kirk, J. Arvo, "Unbiased sampling techniques for image
+    synthesis", SIGGRAPH 1991); so a cell's own samples have no say here.
     """
-    own = film.errors()
+    down, across = squares.shape
+    own = counts.reshape(down // 2, 2, across)
+    others = np.pad(squares.reshape(own.shape)[:, ::-1], [(1, 1), (0, 0), (1, 1)], mode="edge")
+    theirs = np.pad(own[:, ::-1], [(1, 1), (0, 0), (1, 1)], mode="edge")
+    around = np.zeros(own.shape)
+    for i in range(3):
+        for j in range(3):
+            at = np.s_[i : i + down // 2, :, j : j + across]
+            # with more samples than they have, it is nearer to the truth than they are
+            told = others[at] * np.minimum(theirs[at] / own, 1.0)
+            around += told / 9
+            if i == j == 1:
+                beside = told
+    errors: NDArray[np.float64] = CONFIDENCE * np.sqrt(np.maximum(beside, around))
+    return errors.reshape(down, across)
+
+
+def block_errors(film: Any) -> NDArray[np.float64]:
+    """How far the pixels of each block may be from the truth, by its own samples and, where these
+    tell less, by those of the eight around it too; otherwise as errors_by_others().
+
+    (blocks down, blocks across).
+    """
+    areas = cell_areas(film)
+    down, across = areas.shape
+    by_rows = (down // 2, 2, across)
+    areas = areas.reshape(by_rows)
+    own = (film.errors().reshape(by_rows) * areas).sum(axis=1) / areas.sum(axis=1)
     padded = np.pad(own, 1, mode="edge")
-    down, across = own.shape
-    around = sum(padded[i : i + down, j : j + across] for i in range(3) for j in range(3)) / 9
+    around = sum(padded[i : i + down // 2, j : j + across] for i in range(3) for j in range(3)) / 9
     errors: NDArray[np.float64] = CONFIDENCE * np.sqrt(np.maximum(own, around))
     return errors
 
 
 def picture_error(film: Any) -> float:
     """The root mean square of block_errors() without the surroundings, over all pixels."""
-    areas = block_areas(film)
+    areas = cell_areas(film)
     return float(CONFIDENCE * np.sqrt((film.errors() * areas).sum() / areas.sum()))

@@ -129,9 +129,9 @@ RenderView make_view(const Scene& scene, u32 width, u32 height, SamplerKind samp
           {}};
 }
 
-// Every block's target.
-std::vector<u32> all_to(const Film& film, u32 samples) {
-  return std::vector<u32>(size_t{film.blocks_across()} * film.blocks_down(), samples);
+// Every cell's target.
+Targets all_to(const Film& film, u32 samples) {
+  return {std::vector<u32>(size_t{film.cells_across()} * film.cells_down(), samples)};
 }
 
 bool same(const Film& a, const Film& b) {
@@ -152,12 +152,12 @@ void pictures_do_not_depend_on_how_they_are_made() {
     for (const std::string& isa : instruction_sets()) {
       for (Schedule schedule : {Schedule::dynamic_, Schedule::static_, Schedule::guided}) {
         Film film(0, 0, 40, 24);
-        std::vector<u32> targets = all_to(film, 3);
-        targets[4] = 0, targets[7] = 1;  // of the 5 x 3 blocks, 64 pixels each
+        Targets targets = all_to(film, 3);
+        targets.samples[4] = 0, targets.samples[7] = 1;  // of 5 x 6 cells, 32 pixels each
         render_pass(kernels(isa), scene, view, film, targets, {3, 7, schedule}, kNever);
         const PassResult r = render_pass(kernels(isa), scene, view, film, all_to(film, 4),
                                          {2, 16, schedule}, kNever);
-        CHECK(r.complete && r.samples == 40 * 24 + 64 * 5 && r.rays >= r.samples);
+        CHECK(r.complete && r.samples == 40 * 24 + 32 * 5 && r.rays >= r.samples);
         CHECK(same(reference, film));
         Film later(0, 0, 40, 24, false, false, 1);
         render_pass(kernels(isa), scene, view, later, all_to(later, 3), {3, 7, schedule}, kNever);
@@ -447,10 +447,10 @@ void passes_go_on_where_they_stopped() {
                     whole.features.size() * sizeof(FeaturePixel)) == 0);
   CHECK(std::memcmp(whole.prefixes.data(), stopped.prefixes.data(),
                     whole.prefixes.size() * sizeof(Prefix)) == 0);
-  double a[15], b[15];
-  whole.errors(a);
-  stopped.errors(b);
-  CHECK(std::memcmp(a, b, sizeof a) == 0);
+  std::vector<double> a(all_to(whole, 0).samples.size()), b(a.size());
+  whole.errors(a.data());
+  stopped.errors(b.data());
+  CHECK(a == b);
 }
 
 void sums_are_exact_in_any_order() {
