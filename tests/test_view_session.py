@@ -6,13 +6,14 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import parhelion as ph
 from parhelion.view.layers import LAYERS
-from parhelion.view.session import Frame, Session
+from parhelion.view.session import Frame, Session, resident
 
 WHITE = ph.Material("diffuse", color=(0.8, 0.8, 0.8))
 
@@ -293,19 +294,136 @@ def test_another_scene_takes_its_place(session: Session) -> None:
     assert settled(session).camera.eye == (2, 1, 4)
 
 
-def test_a_camera_without_meaning_is_told_and_the_old_picture_stays(session: Session) -> None:
+@pytest.mark.parametrize(
+    ("camera", "message"),
+    [
+        (ph.Camera((0, 0, 0), (0, 0, 0)), "camera: eye"),
+        (ph.Camera((0, 0, float("nan")), (0, 0, 0)), "camera"),
+        (ph.Camera((0, 0, 4), (0, 0, 0), vfov=180.0), "camera: vfov is 180"),
+        (ph.Camera((0, 0, 4), (0, 0, 0), projection="cubist"), "cubist"),
+        (ph.Camera(("x", 0, 4), (0, 0, 0)), "camera: eye is 'x'; must be a number"),
+        (None, "a Camera is needed, not NoneType"),
+    ],
+)
+def test_a_camera_without_meaning_is_refused_and_the_one_before_stays(
+    session: Session, camera: ph.Camera, message: str
+) -> None:
     before = settled(session)
-    session.look(ph.Camera((0, 0, 0), (0, 0, 0)))
-    end = time.monotonic() + 10
-    while session.state()["error"] is None and time.monotonic() < end:
-        time.sleep(0.005)
-    assert "camera" in session.state()["error"]
-    with pytest.raises(ph.SceneError, match="camera"):
-        session.image()
-    assert session.frame is before
-    session.look(replace(before.camera, eye=(0.0, 1.0, 5.0)))
-    assert settled(session).camera.eye == (0.0, 1.0, 5.0)
+    with pytest.raises(ph.SceneError, match=message):
+        session.look(camera)
+    assert session.camera == before.camera
     assert session.state()["error"] is None
+    assert not session.state()["moved"]
+    session.look(replace(before.camera, eye=np.array([0, 1, 5])))  # kept as Python's own numbers
+    assert settled(session).camera.eye == (0.0, 1.0, 5.0)
+    assert type(session.state()["camera"].eye[0]) is float
+
+
+def test_features_go_with_the_layer_that_needed_them(session: Session) -> None:
+    session.show(layer="normal")
+    assert "normal" in settled(session).features
+    session.show(layer="picture")
+    seen = settled(session)
+    assert "normal" in seen.features  # the same picture: it does not begin anew
+    session.look(replace(session.camera, eye=(0.0, 1.0, 5.0)))
+    without = settled(session)
+    assert without.features == {}
+    session.show(layer="depth")
+    assert "depth" in settled(session).features
+    session.resize(48, 32)
+    assert settled(session).features["depth"].shape[:2] == (32, 48)
+
+
+def test_the_scene_as_it_is_now_gives_the_same_picture(session: Session, tmp_path: Path) -> None:
+    session.change("materials", 0, "color", [0.1, 0.2, 0.9]).result(10)
+    session.change("materials", 3, "color", [0.9, 0.9, 0.1]).result(10)  # the one without a name
+    session.change("lights", 0, "radiance", [0.1, 0.5, 1.0]).result(10)
+    session.hide([3]).result(10)
+    session.look(ph.Camera((1, 1, 4), (0, 0.5, 0)))
+    session.resize(60, 40)
+    session.crop((0.25, 0.0, 0.5, 1.0))
+    frame = settled(session)
+    made = session.scene()
+    assert [shape.name for shape in made.shapes] == ["ball", "small ball", "floor"]
+    assert made.materials["floor"] == scene().materials["floor"]
+    ph.save(made, tmp_path / "changed.json")
+    again = ph.load(tmp_path / "changed.json")
+    assert again.camera == session.camera
+    assert np.array_equal(ph.render(again, spp=4).pixels, frame.pixels)
+
+
+def test_what_materials_are_made_of_stays_in_the_changed_scene() -> None:
+    image = np.linspace(0, 1, 48, dtype=np.float32).reshape(4, 4, 3)
+    inner = ph.Material("diffuse", color=(0.2, 0.4, 0.6))
+    outer = ph.Material(
+        "blend",
+        a=inner,
+        b=ph.Material("metal", color=ph.Texture("image", image=image)),
+        weight=ph.Texture("image", image=image),
+    )
+    lamp = ph.Material("emissive", radiance=ph.Texture("image", image=image))
+    ball = ph.Spheres([[0, 0, 0]], 1.0, outer)
+    shapes = [
+        ball,
+        ph.Spheres([[2, 0, 0]], 1.0, lamp),
+        ph.Instances([ball], [np.eye(4)]),
+        ph.Spheres([[0, 2, 0]], 1.0, inner),
+    ]
+    given = ph.Scene(shapes, {"same": inner}, background=None)
+    with Session(given, width=32, height=24, spp=1) as session:
+        outline = session.outline()
+        by_name = {m["name"]: (i, m) for i, m in outline["materials"].items()}
+        fixed = {
+            name: [p["name"] for p in m["params"] if p["fixed"]] for name, (_, m) in by_name.items()
+        }
+        assert fixed["blend"] == ["weight"]
+        assert fixed["emissive"] == ["radiance"]
+        session.change("materials", by_name["diffuse"][0], "color", [0.9, 0.1, 0.1]).result(10)
+        made = session.scene()
+        assert made.materials["same"] == inner  # equal, but another
+        red = ph.Material("diffuse", color=(0.9, 0.1, 0.1))
+        assert made.shapes[0].material.params["a"] == red
+        assert made.shapes[2].shapes[0].material.params["a"] == red
+        assert made.shapes[3].material == red
+        assert made.shapes[1].material == lamp
+        assert np.array_equal(ph.render(made, spp=1).pixels, settled(session, 1).pixels)
+
+
+def test_a_picture_tells_what_was_hidden_and_is_made_again(tmp_path: Path) -> None:
+    ph.save(scene(), tmp_path / "scene.json")
+    with Session(ph.load(tmp_path / "scene.json"), spp=2) as session:
+        session.hide([0, 3]).result(10)
+        settled(session, 2)
+        image = session.image()
+        session.change("materials", 0, "color", [0.0, 0.0, 1.0]).result(10)
+        settled(session, 2)
+        session.image().save(tmp_path / "changed.exr")
+    image.save(tmp_path / "hidden.exr")
+    assert '{"0": "ball", "3": "lamp"}' in image.metadata().values()
+    assert image.metadata()["parhelion:scene"] != ph.prepare(scene()).flat.sha256()
+    assert np.array_equal(ph.rerender(tmp_path / "hidden.exr").pixels, image.pixels)
+    with pytest.raises(ph.SceneError, match="was made of another scene"):
+        ph.rerender(tmp_path / "changed.exr")
+
+
+def test_what_memory_cannot_hold_is_refused_and_the_picture_stays(session: Session) -> None:
+    before = settled(session)
+    held = resident()
+    assert held is not None
+    session._memory_limit = held + 100 * 2**20
+    with pytest.raises(
+        ph.ResourceError, match=r"looking at 2000x1500 pixels takes .* memory_limit"
+    ):
+        session.resize(2000, 1500)
+    assert session.frame is before
+    session.resize(192, 128)
+    assert settled(session).pixels.shape == (128, 192, 3)
+    with pytest.raises(ph.ResourceError, match="memory_limit"):
+        Session(scene(), width=2000, height=1500, memory_limit=held + 2**26)
+    with pytest.raises(ph.ResourceError, match="memory_limit"):
+        Session(scene(), memory_limit="1M")
+    with pytest.raises(ph.SceneError, match="memory_limit is 'much'"):
+        Session(scene(), memory_limit="much")
 
 
 def test_a_prepared_scene_gets_its_parameters_back() -> None:
@@ -327,3 +445,7 @@ def test_closing_stops_a_long_pass_and_its_thread() -> None:
     )
     session.close()
     assert session.change("materials", 0, "color", [0.0, 0.0, 1.0]).cancelled()
+    with pytest.raises(ph.ResourceError, match="the session is closed"):
+        session.look(ph.Camera())
+    with pytest.raises(ph.ResourceError, match="the session is closed"):
+        session.pick(0.5, 0.5)

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -56,12 +56,14 @@ class Flat:
     """parts: what _core.Scene takes, a dict of lists of dicts; bindings/core.cpp reads them.
 
     shape_names, material_names: by the indices that features and statistics use. Where several have
-    no name, that of their type is followed by a number: "mesh", "mesh 2".
+    no name, that of their type is followed by a number: "mesh", "mesh 2". materials: what they were
+    made of, by the same indices; the scene's named ones come first.
     """
 
     parts: dict[str, Any]
     shape_names: list[str]
     material_names: list[str]
+    materials: list[Material]
 
     @property
     def object_names(self) -> list[str]:
@@ -69,6 +71,12 @@ class Flat:
         them.
         """
         return self.shape_names[len(self.shape_names) - len(self.parts["groups"][-1]) :]
+
+    def without(self, objects: Collection[int]) -> Flat:
+        """The same without what some of the scene's own shapes are made of; all indices stay."""
+        own = self.parts["groups"][-1]
+        left = [_emptied(s) if i in objects else s for i, s in enumerate(own)]
+        return replace(self, parts={**self.parts, "groups": [*self.parts["groups"][:-1], left]})
 
     def sha256(self) -> str:
         """Hash of everything that is seen: geometry, materials and lights, not the camera."""
@@ -148,7 +156,29 @@ def flatten(scene: Scene) -> Flat:
         [s["name"] for group in parts.groups[:-1] for s in group]
         + _told_apart([s["name"] for s in own], [s["name"] in _UNNAMED for s in own]),
         _told_apart(parts.material_names, [i >= named_count for i in range(len(parts.materials))]),
+        [*scene.materials.values(), *parts.unnamed],
     )
+
+
+def _emptied(shape: dict[str, Any]) -> dict[str, Any]:
+    """A shape's record without primitives."""
+    by_vertex = {"vertices", "normals", "uvs", "tangents"} if "faces" in shape else set()
+    count = shape["count"]
+    empty = dict(shape, count=0)
+    for key, value in shape.items():
+        if (
+            isinstance(value, np.ndarray)
+            and key != "rotation"
+            and key not in by_vertex
+            and value.ndim
+            and len(value) == count
+        ):
+            empty[key] = value[:0]
+    if "attributes" in shape:
+        empty["attributes"] = [
+            dict(a, values=a["values"][:0]) if a["per_face"] else a for a in shape["attributes"]
+        ]
+    return empty
 
 
 def block(kind: str, name: str, params: Mapping[str, Any], where: str) -> Block:
@@ -189,7 +219,7 @@ class _Parts:
     lights: list[dict[str, Any]] = field(default_factory=list)
     named: dict[str, int] = field(default_factory=dict)
     attributes: dict[str, int] = field(default_factory=dict)
-    _materials_made: dict[Material, int] = field(default_factory=dict)
+    unnamed: dict[Material, int] = field(default_factory=dict)
     _textures_made: dict[Texture, int] = field(default_factory=dict)
     _images_made: dict[tuple[Any, ...], int] = field(default_factory=dict)
     _image_jobs: list[Callable[[], dict[str, Any]]] = field(default_factory=list)
@@ -207,14 +237,14 @@ class _Parts:
             return self.named[material]
         if not isinstance(material, Material):
             raise SceneError(f"{where}: a Material or its name is needed, not {material!r}")
-        if material not in self._materials_made:
+        if material not in self.unnamed:
             index = len(self.materials)
             self.materials.append({})
             self.material_names.append(material.type)
             self.places.append(where)
-            self._materials_made[material] = index
+            self.unnamed[material] = index
             self.materials[index] = self.material(material, where, None, index)
-        return self._materials_made[material]
+        return self.unnamed[material]
 
     def material(
         self, m: Material, where: str, name: str | None, index: int | None = None

@@ -326,6 +326,8 @@ class Image:
         return self.png_bytes()
 
 
+# The attribute of a file that names the objects that were hidden when it was made
+HIDDEN = "parhelion:hidden"
 # The attribute of a file that holds packed_counts(), where pixels differ in them
 COUNTS = "parhelion:counts"
 

@@ -68,6 +68,11 @@ def limited(limit: Any) -> Iterator[None]:
         _LIMIT.reset(token)
 
 
+def limit() -> int | None:
+    """The bytes of the limited() block that this is in; None for no limit."""
+    return _LIMIT.get()
+
+
 def checked(limit: Any) -> int:
     """Bytes of a limit: a number, or a text such as "4G" in K, M, G or T of 1024.
 

@@ -15,9 +15,9 @@ import numpy as np
 from .denoise import without_guides
 from .display import told_display
 from .errors import FormatError, SceneError
-from .image import COMPRESSIONS, COUNTS, Image, unpacked_counts
+from .image import COMPRESSIONS, COUNTS, HIDDEN, Image, unpacked_counts
 from .layers import PictureFile
-from .renderer import prepare, render
+from .renderer import build, prepare, render
 from .scene import Camera, Scene, Settings, Source
 
 if TYPE_CHECKING:
@@ -29,7 +29,8 @@ log = logging.getLogger("parhelion")
 @dataclass(frozen=True)
 class Record:
     """How a picture file says that it was made. counts: samples of each pixel, (H, W), or of all.
-    save: arguments of Image.save() that make such a file again.
+    hidden: objects that were not to be seen, names by indices. save: arguments of Image.save() that
+    make such a file again.
     """
 
     path: Path
@@ -39,6 +40,7 @@ class Record:
     scene_hash: str
     build: str
     source: Source | None
+    hidden: Mapping[int, str]
     features: bool
     denoised: bool
     save: Mapping[str, Any]
@@ -89,6 +91,7 @@ def record(path: str | os.PathLike[str]) -> Record:
                 )
             counts = unpacked_counts(told[COUNTS], height, width)
         source = json.loads(told.get("parhelion:source", "null"))
+        hidden = told.get(HIDDEN, "{}")
         main = file.layer()
         exr = file.path.lower().endswith(".exr")
         compression = told.get("compression", "").partition(":")[0]
@@ -102,6 +105,7 @@ def record(path: str | os.PathLike[str]) -> Record:
             scene_hash=told["parhelion:scene"],
             build=told["parhelion:build"],
             source=None if source is None else Source(**source),
+            hidden={int(i): str(name) for i, name in _tuples(json.loads(hidden)).items()},
             features="shape" in file.layers,
             denoised="parhelion:denoised" in told,
             save={
@@ -146,6 +150,9 @@ def remade(
     from . import _core
 
     prepared = prepare(made.scene() if scene is None else scene)
+    if made.hidden:
+        flat = prepared.flat.without(made.hidden)
+        prepared = replace(prepared, flat=flat, core=build(flat))
     if prepared.flat.sha256() != made.scene_hash:
         raise SceneError(
             f"{made.path}: was made of another scene than"

@@ -75,8 +75,6 @@ def prepare(scene: Scene | Any, *, memory_limit: int | str | None = None) -> Pre
     ResourceError for one that takes more memory than the limit or the system leave, before that is
     taken.
     """
-    from . import _core
-
     start = time.perf_counter()
     if not isinstance(scene, Scene):
         from .objects import scene_of
@@ -84,19 +82,26 @@ def prepare(scene: Scene | Any, *, memory_limit: int | str | None = None) -> Pre
         scene = scene_of(scene)
     with memory.limited(memory_limit):
         flat = flatten(scene)
-        free = memory.free()
-    try:
-        core = _core.Scene(flat.parts, None if free is None else free.bytes)
-    except ResourceError as error:
-        assert free is not None
-        raise memory.refusal(str(error), free, _LESS) from None
-    except MemoryError as error:
-        raise ResourceError(f"not enough memory for the scene's tree; {_LESS}") from error
+        core = build(flat)
     if core.stats()["leaves"] > _WITH_THREADS:
         memory.note_threads(machine.cores_available())
     seconds = time.perf_counter() - start
     log.debug("scene %s: %s in %.3f s", scene.name, core.stats(), seconds)
     return Prepared(scene, flat, core, seconds)
+
+
+def build(flat: Flat, helps: str = _LESS) -> Any:
+    """The core's scene with its tree. helps: against too little memory. Raises as prepare()."""
+    from . import _core
+
+    free = memory.free()
+    try:
+        return _core.Scene(flat.parts, None if free is None else free.bytes)
+    except ResourceError as error:
+        assert free is not None
+        raise memory.refusal(str(error), free, helps) from None
+    except MemoryError as error:
+        raise ResourceError(f"not enough memory for the scene's tree; {helps}") from error
 
 
 @memory.told
@@ -161,7 +166,7 @@ def render(
         settings = {**settings, "spp": MOST_SAMPLES}
     wanted = merged(prepared.scene.settings, settings)
     seen = prepared.scene if camera is None else prepared.scene.replace(camera=camera)
-    view_camera = _plain(placed(seen, wanted.width / wanted.height))
+    view_camera = plain_camera(placed(seen, wanted.width / wanted.height))
     work = _work(threads, tile, schedule, isa)
     if tree not in TREES:
         raise SceneError(unknown_name("tree", tree, TREES))
@@ -298,7 +303,7 @@ def make_view(prepared: Prepared, camera: Camera, settings: Settings, tree: bool
     """The core's view of a camera and of settings as merged() returns them, checked."""
     from . import _core
 
-    camera = _plain(camera)
+    camera = plain_camera(camera)
     if camera.fov is not None and camera.vfov is not None:
         raise SceneError("camera: give fov or vfov, not both")
     fov, vfov = camera.fov, camera.vfov
@@ -337,8 +342,11 @@ def make_view(prepared: Prepared, camera: Camera, settings: Settings, tree: bool
     )
 
 
-def _plain(camera: Any) -> Camera:
-    """The camera with Python's numbers in the place of arrays, as it is kept with the picture."""
+def plain_camera(camera: Any) -> Camera:
+    """The camera with Python's numbers in the place of arrays, as it is kept with the picture.
+
+    Raises SceneError for what are no numbers.
+    """
     if not isinstance(camera, Camera):
         raise SceneError(f"camera: a Camera is needed, not {type(camera).__name__}")
     fov, vfov = (

@@ -5,7 +5,8 @@ What is changed are the records of flatten.py, so neither arrays nor trees are m
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +14,7 @@ from .. import tables
 from ..errors import SceneError, unknown_name
 from ..flatten import Flat
 from ..renderer import Prepared
+from ..scene import Instances, Light, Material, Scene, Texture
 from ..tables import Entry, Param
 
 KINDS = ("materials", "lights")
@@ -28,20 +30,26 @@ _WEIGHT = Param("weight", 1, (0.5,), 0.0, 1.0, "share of the second of the two")
 class Parameters:
     """Those of one prepared scene, as they are and as they were given.
 
-    Rendering and changing must not overlap: Session sees to that.
+    core: the scene's in the core, which is changed with them. Rendering and changing must not
+    overlap: Session sees to that.
     """
 
     def __init__(self, prepared: Prepared) -> None:
         parts = prepared.flat.parts
         self._given = {kind: list(parts[kind]) for kind in KINDS}
         self._now = {kind: list(parts[kind]) for kind in KINDS}
-        self._core = prepared.core
+        self.core = prepared.core
         self._serial = 0  # counts changes; below, which was the last of each
         self._changed = {kind: [0] * len(parts[kind]) for kind in KINDS}
         self._entries = {kind: list(tables.tables()[kind].values()) for kind in KINDS}
-        background = [] if prepared.scene.background is None else ["background"]
-        lights = [f"light {i + 1}" for i in range(len(prepared.scene.lights))]
-        self.names = {"materials": prepared.flat.material_names, "lights": background + lights}
+        lights = _lights(prepared.scene)
+        self._made_of: dict[str, Sequence[Material | Light]] = {
+            "materials": prepared.flat.materials,
+            "lights": lights,
+        }
+        named = [f"light {i + 1}" for i in range(len(prepared.scene.lights))]
+        named = [*["background"] * (len(lights) - len(named)), *named]
+        self.names = {"materials": prepared.flat.material_names, "lights": named}
 
     def listed(self, since: int = -1) -> dict[str, Any]:
         """By kind and index, of each material or light: name, type, parameters and their values.
@@ -78,7 +86,7 @@ class Parameters:
         if name not in places:
             raise SceneError(f"{where}: {unknown_name('parameter', name, places)}")
         param, key, offset = places[name]
-        if _is_fixed(record, key, offset, param.size):
+        if self._is_fixed(kind, index, name):
             raise SceneError(f"{where}: parameter {name!r} is a texture's")
         values = list(tables.values_of(param, value, where))
         if key == "block":
@@ -127,7 +135,7 @@ class Parameters:
         return found
 
     def _apply(self, kind: str, records: list[dict[str, Any]]) -> None:
-        (self._core.set_materials if kind == "materials" else self._core.set_lights)(records)
+        (self.core.set_materials if kind == "materials" else self.core.set_lights)(records)
         self._now[kind] = records
 
     def _type(self, kind: str, record: Mapping[str, Any]) -> str:
@@ -152,10 +160,16 @@ class Parameters:
                 offset += param.size
         if kind == "materials":
             # what is dark now and shone at first may shine again; nothing else may begin to
-            if any(self._given[kind][index]["emission"]):
+            if "emission" in self._made_of[kind][index].params and any(
+                self._given[kind][index]["emission"]
+            ):
                 places["emission"] = (_EMISSION, "emission", 0)
             places["opacity"] = (_OPACITY, "opacity", 0)
         return places
+
+    def _is_fixed(self, kind: str, index: int, name: str) -> bool:
+        """Whether a texture says a parameter's numbers."""
+        return isinstance(self._made_of[kind][index].params.get(name), Texture)
 
     def _described(self, kind: str, index: int, record: Mapping[str, Any]) -> list[dict[str, Any]]:
         described = []
@@ -174,20 +188,53 @@ class Parameters:
                     "high": _finite(param.high),
                     "choices": list(param.choices),
                     "value": value,
-                    "fixed": _is_fixed(record, key, offset, param.size),
+                    "fixed": self._is_fixed(kind, index, param.name),
                 }
             )
         return described
 
 
-def _is_fixed(record: Mapping[str, Any], key: str, offset: int, size: int) -> bool:
-    """Whether a texture says some of a parameter's numbers."""
-    if key != "block":
-        return f"{key.removeprefix('blend_')}_texture" in record or f"{key}_texture" in record
-    return any(
-        b["offset"] < offset + size and offset < b["offset"] + b["size"]
-        for b in record.get("bindings", ())
+def changed(prepared: Prepared, changes: Iterable[tuple[str, int, str, Any]]) -> Scene:
+    """The scene with other values for parameters; changes: as Parameters.changes() has them."""
+    scene, flat = prepared.scene, prepared.flat
+    new: dict[tuple[str, int], dict[str, Any]] = defaultdict(dict)
+    for kind, index, name, value in changes:
+        new[kind, index][name] = value
+    named = len(scene.materials)
+    unnamed = {m: i for i, m in enumerate(flat.materials) if i >= named}
+
+    def material(given: Material, index: int | None = None) -> Material:
+        parts = {k: material(v) if isinstance(v, Material) else v for k, v in given.params.items()}
+        own = new.get(("materials", unnamed[given] if index is None else index), {})
+        return Material(given.type, **{**parts, **own})
+
+    groups: dict[int, list[Any]] = {}  # what Instances share they share again
+
+    def shape(given: Any) -> Any:
+        if isinstance(given, Instances):
+            if id(given.shapes) not in groups:
+                groups[id(given.shapes)] = [shape(s) for s in given.shapes]
+            return replace(given, shapes=groups[id(given.shapes)])
+        if isinstance(given.material, Material):
+            return replace(given, material=material(given.material))
+        return given
+
+    lights = [
+        type(light)(light.type, **{**light.params, **new.get(("lights", i), {})})
+        for i, light in enumerate(_lights(scene))
+    ]
+    background = None if scene.background is None else lights.pop(0)
+    return scene.replace(
+        shapes=[shape(s) for s in scene.shapes],
+        materials={k: material(m, i) for i, (k, m) in enumerate(scene.materials.items())},
+        background=background,
+        lights=lights,
     )
+
+
+def _lights(scene: Scene) -> list[Light]:
+    """The lights, the background first, by the indices that they have as records."""
+    return [*([] if scene.background is None else [scene.background]), *scene.lights]
 
 
 def _finite(x: float) -> float | None:

@@ -8,6 +8,7 @@ ones; requests may come from any thread and return at once.
 from __future__ import annotations
 
 import atexit
+import json
 import logging
 import math
 import threading
@@ -16,6 +17,7 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -28,21 +30,23 @@ from ..display import Display
 from ..errors import ParhelionError, ResourceError, SceneError, option, unknown_name
 from ..flatten import Flat
 from ..framing import placed
-from ..image import Image, RenderStats
+from ..image import HIDDEN, Image, RenderStats
 from ..progressive import block_errors, picture_error
 from ..renderer import (
     ERROR_BYTES,
     FEATURE_BYTES,
     PIXEL_BYTES,
     Prepared,
+    build,
     make_view,
     merged,
+    plain_camera,
     prepare,
     surface_features,
 )
 from ..scene import Camera, Framing, Scene, Settings, Vec3
 from .layers import LAYERS, PICTURE, needs_features, shown
-from .parameters import Parameters
+from .parameters import Parameters, changed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -68,6 +72,9 @@ LATE_PASS = 3.0
 # Seconds that placing the camera may take to be done at once (of 1e7 spheres it takes two), and
 # proportions of pictures for which it is remembered.
 QUICK, MOST_HOMES = 0.05, 32
+# Bytes a pixel beside what render() takes, measured with some room: pictures that are kept until
+# the next one is there, colours and their packing; and of features.
+SHOWN_BYTES, SHOWN_FEATURE_BYTES = 80, 160
 # Sides of a picture, and pixels in all.
 LARGEST_SIDE, MOST_PIXELS = 8192, 3840 * 2160
 DEFAULT_SPP = 4096
@@ -93,7 +100,8 @@ class Frame:
     of the part x, y, W, H of a picture of width x height pixels. scale: 1 for the size that was
     asked for, below for a coarse one. spp: samples in each pixel, some may have more. seconds: of
     rendering it. latency: from the request to this picture. error: as RenderStats.error, and
-    block_errors of blocks of 8x8 pixels; None for coarse ones and where samples are too few.
+    block_errors of blocks of 8x8 pixels; None for coarse ones and where samples are too few. flat:
+    what is seen, in which the objects that are hidden, names by indices, are made of nothing.
     """
 
     number: int
@@ -114,6 +122,7 @@ class Frame:
     camera: Camera
     settings: Settings
     flat: Flat
+    hidden: Mapping[int, str]
     build_seconds: float
     error: float | None
     block_errors: NDArray[np.float64] | None
@@ -183,9 +192,10 @@ class Session:
 
     scene: a Scene, what prepare() makes of one, or anything that scene_of() knows. camera: instead
     of the scene's. width, height: of the picture in pixels; None for the scene's. spp: samples a
-    pixel after which it rests. threads: 0 for all cores. settings: any other field of Settings.
+    pixel after which it rests. threads: 0 for all cores. memory_limit: bytes, or a text such as
+    "4G", that the process may hold. settings: any other field of Settings.
 
-    Raises SceneError as render() does. Must be closed; a `with` block does.
+    Raises SceneError and ResourceError as render() does. Must be closed; a `with` block does.
     """
 
     def __init__(
@@ -197,9 +207,14 @@ class Session:
         height: int | None = None,
         spp: int = DEFAULT_SPP,
         threads: int = 0,
+        memory_limit: int | str | None = None,
         **settings: Any,
     ) -> None:
-        prepared = scene if isinstance(scene, Prepared) else prepare(scene)
+        # kept, as what the user allows is known to the thread alone that says it
+        with memory.limited(memory_limit):
+            self._memory_limit = memory.limit()
+        with self.limited():
+            prepared = scene if isinstance(scene, Prepared) else prepare(scene)
         self._changes = {k: v for k, v in settings.items() if v is not None and k != "crop"}
         self._camera = camera
         self._condition = threading.Condition()
@@ -217,16 +232,17 @@ class Session:
         self._frame: Frame | None = None
         self._full: Frame | None = None
         self._rate = UNKNOWN_RATE
-        self._spp = _whole("spp", spp, 2**23)
+        self._spp = whole("spp", spp, 2**23)
         self._drawing: _Drawing | None = None
         self._number = 0
+        self._core: Any
         self._parameters: Parameters
         self._prepared: Prepared
         self._settings: Settings
         self._take(prepared)
         size = merged(self._settings, {"width": width, "height": height})
         _check_size(size.width, size.height)
-        _check_memory(size.width, size.height, False)
+        self._check_memory(size.width, size.height, False)
         crop = settings.get("crop")
         self._request = _Request(
             0, self._home(size.width, size.height), size.width, size.height, None, False, _now()
@@ -235,7 +251,7 @@ class Session:
             x, y, w, h = merged(size, {"crop": crop}).crop or (0, 0, size.width, size.height)
             part = (x / size.width, y / size.height, w / size.width, h / size.height)
             self._request = replace(self._request, crop=part)
-        make_view(prepared, self._request.camera, size)  # whose errors are the caller's
+        self._view(self._request.camera, size)  # whose errors are the caller's
         self._thread = threading.Thread(target=self._run, name="parhelion-session", daemon=True)
         self._thread.start()
         _running.add(self)
@@ -249,16 +265,24 @@ class Session:
     # --- Asked from outside ----------------------------------------------------------------------
 
     def close(self) -> None:
-        """Stops rendering; a prepared scene that was given has its own parameters again."""
+        """Stops rendering; a prepared scene that was given has its own parameters again.
+
+        The newest picture can still be asked for.
+        """
         with self._condition:
             if self._closing:
                 return
             self._closing = True
             self._condition.notify_all()
         self._thread.join()
-        self._parameters.restore()
         for _, future in self._jobs:
             future.cancel()
+        with self._scene_lock:
+            self._parameters.restore()
+            # whoever still holds the session, as a notebook does until Python ends, holds no trees
+            self._drawing = None
+            self._core = self._parameters.core = None
+            self._prepared = replace(self._prepared, core=None)
 
     def subscribe(self, listener: Callable[[Event], None]) -> Callable[[], None]:
         """Calls the listener after changes, from whatever thread; it must return at once.
@@ -274,9 +298,13 @@ class Session:
         return end
 
     def look(self, camera: Camera) -> int:
-        """Another camera. Returns the revision that frames of it have, or a later one."""
-        if not isinstance(camera, Camera):
-            raise SceneError(f"camera: a Camera is needed, not {type(camera).__name__}")
+        """Another camera. Returns the revision that frames of it have, or a later one.
+
+        Raises SceneError for one without meaning; the one before stays.
+        """
+        camera = plain_camera(camera)
+        now = self._request
+        self._view(camera, merged(self._settings, {"width": now.width, "height": now.height}))
         self._moved = True
         return self._ask(camera=camera)
 
@@ -288,12 +316,12 @@ class Session:
 
     def resize(self, width: int, height: int) -> None:
         """Another size, in pixels. Raises SceneError, and ResourceError if memory is too small."""
-        width, height = _whole("width", width, LARGEST_SIDE), _whole("height", height, LARGEST_SIDE)
+        width, height = whole("width", width, LARGEST_SIDE), whole("height", height, LARGEST_SIDE)
         _check_size(width, height)
         now = self._request
         if (width, height) == (now.width, now.height):
             return
-        _check_memory(width, height, now.features)
+        self._check_memory(width, height, _wants_features(self._layer, self._denoise))
         camera = now.camera
         if not self._moved and self._placing <= QUICK:
             camera = self._home(width, height)
@@ -333,12 +361,16 @@ class Session:
             raise SceneError(unknown_name("layer", layer, LAYERS))
         layer = layer or self._layer
         denoise = self._denoise if denoise is None else denoise
-        # those that are there do no harm: the picture itself does not change
-        if (needs_features(layer) or denoise) and not self._request.features:
-            _check_memory(self._request.width, self._request.height, True)
-            self._ask(features=True)
+        now = self._request
+        # those that are there do no harm, as the picture itself does not change; the next drawing
+        # goes without them
+        lacking = _wants_features(layer, denoise) and not now.features
+        if lacking:
+            self._check_memory(now.width, now.height, True)
         self._layer, self._denoise = layer, denoise
         self._display = display
+        if lacking:
+            self._ask()
         self._tell("frame")
         self._tell("state")
 
@@ -358,7 +390,7 @@ class Session:
     def limit(self, spp: int) -> None:
         """Samples a pixel after which it rests."""
         with self._condition:
-            self._spp = _whole("spp", spp, 2**23)
+            self._spp = whole("spp", spp, 2**23)
             self._condition.notify_all()
         self._tell("state")
 
@@ -367,11 +399,13 @@ class Session:
 
         What is returned holds the SceneError, if there is one, when it has been done.
         """
-        return self._do(lambda: self._parameters.change(kind, index, name, value), "values")
+        return self._do(
+            lambda: self._apply(lambda: self._parameters.change(kind, index, name, value)), "values"
+        )
 
     def restore(self) -> Future[None]:
         """All parameters as they were given."""
-        return self._do(self._parameters.restore, "values")
+        return self._do(lambda: self._apply(lambda: self._parameters.restore()), "values")
 
     def hide(self, objects: Collection[int]) -> Future[None]:
         """Which objects, by their indices in the outline, are not there: their tree is made again.
@@ -386,13 +420,18 @@ class Session:
 
         Checks it and builds its tree in the calling thread. Raises SceneError; the old one stays.
         """
-        prepared = scene if isinstance(scene, Prepared) else prepare(scene)
-        return self._do(lambda: self._take(prepared), "scene")
+        with self.limited():
+            prepared = scene if isinstance(scene, Prepared) else prepare(scene)
+        return self._do(lambda: self._apply(lambda: self._take(prepared)), "scene")
 
     def report(self, error: str | None) -> None:
         """An error to be told with the state, until it is None."""
         self._error = error
         self._tell("state")
+
+    def limited(self) -> AbstractContextManager[None]:
+        """A block in which the memory is limited as the session's is."""
+        return memory.limited(self._memory_limit)
 
     # --- Told ------------------------------------------------------------------------------------
 
@@ -417,9 +456,26 @@ class Session:
             light, guides = finite(frame.pixels)[0], guides_of(frame.features)
             # the guides' own noise takes four times as long: not while the camera moves
             whole = frame.scale == 1.0
-            light = denoised(light, *guides, quality="fast", prefilter=whole)
+            with self.limited():
+                light = denoised(light, *guides, quality="fast", prefilter=whole)
             frame = replace(frame, pixels=light)
         return shown(layer, frame, self._display)
+
+    def scene(self) -> Scene:
+        """The scene as it is now: its camera, size, part, materials and lights; what is hidden is
+        not there.
+        """
+        with self._scene_lock:
+            now, hidden = self._request, self._hidden
+            scene = changed(self._prepared, self._parameters.changes())
+        size = {"width": now.width, "height": now.height}
+        crop = None if now.crop is None else _rectangle(now.crop, now.width, now.height)
+        return scene.replace(
+            shapes=[shape for i, shape in enumerate(scene.shapes) if i not in hidden],
+            camera=now.camera,
+            settings=merged(self._settings, {**size, "crop": crop}),
+            source=None,
+        )
 
     def state(self) -> dict[str, Any]:
         """What front ends show, as plain values."""
@@ -510,11 +566,15 @@ class Session:
             flat=frame.flat,
             features=frame.features,
             legend=legend,
-            source=None if self._hidden else self._prepared.scene.source,
+            source=self._prepared.scene.source,
+            notes={HIDDEN: json.dumps(frame.hidden)} if frame.hidden else {},
         )
 
     def pick(self, x: float, y: float) -> Pick:
-        """What is seen at a place of the picture, in shares of its width and height."""
+        """What is seen at a place of the picture, in shares of its width and height.
+
+        Raises SceneError for one beside it, ResourceError of a session that is closed.
+        """
         from .. import _core
 
         x, y = _share(x), _share(y)
@@ -530,8 +590,8 @@ class Session:
         )
         camera = replace(now.camera, aperture_radius=0.0)
         with self._scene_lock:
+            view = self._view(camera, settings)
             flat, core = self._prepared.flat, self._core
-            view = make_view(replace(self._prepared, core=core), camera, settings)
             film = _core.Film(column, row, 1, 1, True)
             _add_samples(film, core, view, 1, 1, None)
             seen = film.features(1.0 / core.stats()["scale"])
@@ -561,6 +621,10 @@ class Session:
     # --- The thread ------------------------------------------------------------------------------
 
     def _run(self) -> None:
+        with self.limited():
+            self._work()
+
+    def _work(self) -> None:
         while True:
             with self._condition:
                 self._condition.wait_for(lambda: self._closing or self._jobs or self._unfinished())
@@ -660,18 +724,14 @@ class Session:
         request = drawing.request
         width = max(1, round(request.width * drawing.scale))
         height = max(1, round(request.height * drawing.scale))
-        left, top, w, h = request.crop or (0.0, 0.0, 1.0, 1.0)
-        x0, y0 = min(int(left * width), width - 1), min(int(top * height), height - 1)
-        x1 = min(max(math.ceil((left + w) * width - 1e-6), x0 + 1), width)
-        y1 = min(max(math.ceil((top + h) * height - 1e-6), y0 + 1), height)
-        crop = None if request.crop is None else (x0, y0, x1 - x0, y1 - y0)
-        drawing.settings = merged(
-            replace(self._settings, crop=None), {"width": width, "height": height, "crop": crop}
-        )
-        drawing.place = x0, y0, x1 - x0, y1 - y0
-        seen = replace(self._prepared, core=self._core)
-        drawing.view = make_view(seen, request.camera, drawing.settings)
-        drawing.film = _core.Film(*drawing.place, request.features, drawing.scale == 1.0)
+        x, y, w, h = _rectangle(request.crop or (0.0, 0.0, 1.0, 1.0), width, height)
+        crop = None if request.crop is None else (x, y, w, h)
+        drawing.settings = merged(self._settings, {"width": width, "height": height, "crop": crop})
+        drawing.place = x, y, w, h
+        drawing.view = self._view(request.camera, drawing.settings)
+        if drawing.scale == 1.0:
+            _require(w, h, request.features)
+        drawing.film = _core.Film(x, y, w, h, request.features, drawing.scale == 1.0)
 
     def _publish(self, drawing: _Drawing) -> None:
         request = drawing.request
@@ -704,6 +764,7 @@ class Session:
             camera=request.camera,
             settings=drawing.settings,
             flat=self._flat,
+            hidden={i: self._flat.object_names[i] for i in sorted(self._hidden)},
             build_seconds=self._prepared.seconds,
             error=error if error is not None and math.isfinite(error) else None,
             block_errors=of_blocks,
@@ -723,7 +784,10 @@ class Session:
     def _ask(self, **changes: Any) -> int:
         with self._condition:
             now = self._request
-            self._request = replace(now, revision=now.revision + 1, asked=_now(), **changes)
+            features = _wants_features(self._layer, self._denoise)
+            self._request = replace(
+                now, revision=now.revision + 1, features=features, asked=_now(), **changes
+            )
             revision = self._request.revision
             self._condition.notify_all()
         self._tell("state")
@@ -738,9 +802,7 @@ class Session:
             if busy:
                 self._tell("state")
             try:
-                with self._scene_lock:
-                    job()
-                    self._flat = self._parameters.flat(self._prepared.flat)
+                job()
             finally:
                 self._busy = None
             self._ask()
@@ -753,6 +815,12 @@ class Session:
             self._jobs.append((run, future))
             self._condition.notify_all()
         return future
+
+    def _apply(self, change: Callable[[], None]) -> None:
+        """Changes what is rendered, while nobody else looks into it."""
+        with self._scene_lock:
+            change()
+            self._flat = self._parameters.flat(self._visible)
 
     def _work_off(self) -> None:
         while True:
@@ -780,7 +848,7 @@ class Session:
         self._placing = 0.0
         self._core = prepared.core
         self._parameters = Parameters(prepared)
-        self._flat = prepared.flat
+        self._flat = self._visible = prepared.flat  # the second as it was given
         self._hidden: set[int] = set()
         self._settings = replace(settings, crop=None)
         self._framed = not isinstance(self._seen(prepared.scene).camera, Camera)
@@ -799,7 +867,7 @@ class Session:
         known = self._homes.get(aspect)
         if known is None:
             began = time.perf_counter()
-            known = placed(self._seen(scene), aspect)
+            known = plain_camera(placed(self._seen(scene), aspect))
             self._placing = time.perf_counter() - began
             if len(self._homes) < MOST_HOMES and scene is self._prepared.scene:
                 self._homes[aspect] = known
@@ -813,34 +881,43 @@ class Session:
             self._ask(camera=camera)
 
     def _hide(self, hidden: set[int]) -> None:
-        from .. import _core
-
-        shapes = self._prepared.flat.parts["groups"][-1]
+        count = len(self._prepared.flat.object_names)
         for i in hidden:
-            if not 0 <= i < len(shapes):
-                raise SceneError(f"objects[{i}]: there are {len(shapes)}")
+            if not 0 <= i < count:
+                raise SceneError(f"objects[{i}]: there are {count}")
         if hidden == self._hidden:
             return
-        changes = self._parameters.changes()
+        core, flat = self._prepared.core, self._prepared.flat
         if hidden:
-            own = [_emptied(s) if i in hidden else s for i, s in enumerate(shapes)]
-            parts = self._prepared.flat.parts
-            free = memory.free()
-            others = {**parts, "groups": [*parts["groups"][:-1], own]}
-            try:
-                core = _core.Scene(others, None if free is None else free.bytes)
-            except ResourceError as error:
-                assert free is not None
-                less = "while it is made, the tree of all objects is there too"
-                raise memory.refusal(str(error), free, less) from None
-        else:
-            core = self._prepared.core
-        self._parameters.restore()
-        self._core = core
-        self._parameters = Parameters(replace(self._prepared, core=core))
-        for change in changes:
-            self._parameters.change(*change)
-        self._hidden = hidden
+            flat = flat.without(hidden)
+            core = build(flat, "while it is made, the tree of all objects is there too")
+
+        def swap() -> None:
+            changes = self._parameters.changes()
+            self._parameters.restore()
+            self._core, self._visible, self._hidden = core, flat, hidden
+            self._parameters = Parameters(replace(self._prepared, core=core))
+            for change in changes:
+                self._parameters.change(*change)
+
+        self._apply(swap)
+
+    def _view(self, camera: Camera, settings: Settings) -> Any:
+        """The core's view; see make_view(). Raises ResourceError of a session that is closed."""
+        with self._scene_lock:
+            if self._core is None:
+                raise ResourceError("the session is closed")
+            return make_view(replace(self._prepared, core=self._core), camera, settings)
+
+    def _check_memory(self, width: int, height: int, features: bool) -> None:
+        """Raises ResourceError for a size that memory is too small for. What is under way now, and
+        makes room for it, counts as free.
+        """
+        drawing = self._drawing
+        film = drawing.film if drawing is not None else None
+        room = 0 if film is None else sum(part.nbytes for part in film.memory())
+        with self.limited():
+            _require(width, height, features, room)
 
     def _value(self, x: float, y: float) -> Vec3 | None:
         frame = self._frame
@@ -867,27 +944,6 @@ def _add_samples(
     return samples, rays, complete
 
 
-def _emptied(shape: dict[str, Any]) -> dict[str, Any]:
-    """A shape's record without primitives: all indices of others stay as they are."""
-    by_vertex = {"vertices", "normals", "uvs", "tangents"} if "faces" in shape else set()
-    count = shape["count"]
-    empty = dict(shape, count=0)
-    for key, value in shape.items():
-        if (
-            isinstance(value, np.ndarray)
-            and key != "rotation"
-            and key not in by_vertex
-            and value.ndim
-            and len(value) == count
-        ):
-            empty[key] = value[:0]
-    if "attributes" in shape:
-        empty["attributes"] = [
-            dict(a, values=a["values"][:0]) if a["per_face"] else a for a in shape["attributes"]
-        ]
-    return empty
-
-
 def _extent(prepared: Prepared) -> float:
     """About how large the scene is, in its units, for sliders of lengths."""
     return float(1.0 / prepared.core.stats()["scale"])
@@ -899,9 +955,27 @@ def _check_size(width: int, height: int) -> None:
         raise SceneError(f"a picture of {width}x{height} is too large to look at")
 
 
-def _check_memory(width: int, height: int, features: bool) -> None:
-    needed = width * height * (PIXEL_BYTES + ERROR_BYTES + FEATURE_BYTES * features)
-    memory.require(needed, f"looking at {width}x{height} pixels", "a smaller window takes less")
+def _wants_features(layer: str, denoise: bool) -> bool:
+    return needs_features(layer) or denoise
+
+
+def _rectangle(part: Rectangle, width: int, height: int) -> tuple[int, int, int, int]:
+    """x, y, width, height in pixels of a part of a picture: all that it touches, at least one."""
+    left, top, w, h = part
+    x, y = min(int(left * width), width - 1), min(int(top * height), height - 1)
+    right = min(max(math.ceil((left + w) * width - 1e-6), x + 1), width)
+    bottom = min(max(math.ceil((top + h) * height - 1e-6), y + 1), height)
+    return x, y, right - x, bottom - y
+
+
+def _require(width: int, height: int, features: bool, room: int = 0) -> None:
+    """Raises ResourceError for a picture that is too large for memory of which so much is free and
+    `room` bytes more.
+    """
+    each = PIXEL_BYTES + ERROR_BYTES + SHOWN_BYTES
+    each += (FEATURE_BYTES + SHOWN_FEATURE_BYTES) * features
+    what = f"looking at {width}x{height} pixels"
+    memory.require(width * height * each - room, what, "a smaller window takes less")
 
 
 def resident() -> int | None:
@@ -915,7 +989,8 @@ def resident() -> int | None:
     return pages * resource.getpagesize()
 
 
-def _whole(name: str, value: Any, most: int) -> int:
+def whole(name: str, value: Any, most: int) -> int:
+    """A whole number from 1. Raises SceneError for anything else."""
     if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
         raise SceneError(f"{option(name)} is {value!r}; must be a whole number in [1, {most}]")
     return value
