@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import http.client
+import io
 import json
 import logging
+import shlex
 import signal
 import socket
 import subprocess
 import sys
 import time
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,15 +26,28 @@ from websockets.sync.client import ClientConnection, connect
 
 import parhelion as ph
 from parhelion.image import read_pixels
-from parhelion.view.messages import LARGEST, MOST_MISTAKES, UNSEEN
+from parhelion.view.messages import (
+    LARGEST,
+    MOST_ANSWERS,
+    MOST_MISTAKES,
+    UNSEEN,
+    Client,
+    Packer,
+)
 from parhelion.view.server import Server
-from parhelion.view.session import Session
+from parhelion.view.session import Session, resident
 from test_view_session import scene, settled
 
 
 @pytest.fixture
-def server() -> Iterator[Server]:
-    with Session(scene(), spp=4) as session, Server(session) as s:
+def session() -> Iterator[Session]:
+    with Session(scene(), spp=4) as s:
+        yield s
+
+
+@pytest.fixture
+def server(session: Session) -> Iterator[Server]:
+    with Server(session) as s:
         yield s
 
 
@@ -172,6 +188,55 @@ def test_one_file_at_a_time_is_saved(server: Server) -> None:
         assert talk.until("file", id=3)
 
 
+def test_a_client_that_takes_nothing_keeps_one_file_and_is_sent_away(
+    session: Session, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Without a network, whose buffers hold some more."""
+    client = Client(session, Packer(session), lambda: None)
+    save = '{"type": "save", "format": "exr"}'
+    later = client.receive(save)
+    assert later is not None
+    later()
+    for _ in range(3):
+        assert client.receive(save) is None
+    assert "has not been taken yet" in caplog.text
+    header, data = client.take() or ({}, b"")
+    assert (header["type"], len(data) > 1000) == ("file", True)
+    assert client.receive(save) is not None  # taken: the next one may come
+    for _ in range(2 * MOST_ANSWERS):
+        client.receive('{"type": "pick", "x": 0.01, "y": 0.01}')
+    assert client.over
+    assert len(client._answers) == MOST_ANSWERS
+    client.close()
+    session._memory_limit = resident()
+    client = Client(session, Packer(session), lambda: None)
+    later = client.receive(save)
+    assert later is not None
+    later()
+    assert "saving the picture takes" in (client.take() or ({}, b""))[0]["text"]
+    client.close()
+
+
+def test_the_scene_as_it_is_now_can_be_saved(server: Server, tmp_path: Path) -> None:
+    with talking(server) as talk:
+        talk.send("change", kind="materials", index=0, name="color", value=[0.1, 0.2, 0.9])
+        talk.until("values")
+        talk.send("save", format="json", id=1)
+        name = talk.until("file", id=1)["name"]
+        assert name.endswith(".json")
+        (tmp_path / name).write_bytes(talk.data["file"])
+        assert ph.load(tmp_path / name).materials["ball"].params["color"] == (0.1, 0.2, 0.9)
+        many = scene().replace(shapes=[ph.Spheres(np.eye(3).repeat(50, 0), 0.1, "ball")])
+        server.session.replace(many).result(10)
+        talk.send("save", format="json", id=2)
+        file = talk.until("file", id=2)
+        assert (file["mime"], file["name"][-4:]) == ("application/zip", ".zip")
+        with zipfile.ZipFile(io.BytesIO(talk.data["file"])) as archive:
+            archive.extractall(tmp_path)
+            (document,) = (n for n in archive.namelist() if n.endswith(".json"))
+        assert len(ph.load(tmp_path / document).shapes[0].centers) == 150
+
+
 def test_nothing_more_is_rendered_while_nobody_looks(server: Server) -> None:
     server.session.limit(64)
     assert server.session.finished().spp < 64
@@ -250,14 +315,11 @@ def test_messages_without_meaning_are_refused_logged_and_harmless(
         end = time.monotonic() + 10
         told = ""
         while reason not in told and time.monotonic() < end:
-            kind = talk.next()
-            if kind == "error":
+            if talk.next() == "error":
                 told = talk.newest["error"]["text"]
-            elif kind == "state":
-                told = talk.newest["state"]["error"] or ""
         assert reason in told
-        if kind == "error":
-            assert "refused" in caplog.text
+        assert "refused" in caplog.text
+        assert server.session.state()["error"] is None
         talk.send("look", camera={"eye": [0, 1, 5]}, stamp=1)
         assert talk.until("frame", stamp=1, scale=1.0, spp=4)
 
@@ -368,6 +430,8 @@ def test_the_command_serves_until_ctrl_c(tmp_path: Path) -> None:
         (["--port", "70000"], "port 70000: cannot listen there"),
         (["--spp", "0"], "--spp is 0"),
         (["--sampler", "x"], "unknown sampler 'x'"),
+        (["--memory-limit", "much"], "--memory-limit is 'much'; must be a number of bytes"),
+        (["--memory-limit", "200M", "--width", "3840"], "are left of --memory-limit"),
     ],
 )
 def test_mistakes_of_the_command(words: list[str], message: str) -> None:
@@ -376,6 +440,16 @@ def test_mistakes_of_the_command(words: list[str], message: str) -> None:
     assert done.returncode == 2
     assert message in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="of Linux")
+def test_too_little_address_space_is_an_error_and_no_signal() -> None:
+    command = [sys.executable, "-m", "parhelion", "view", "--no-browser"]
+    shell = f"ulimit -v 1500000; exec {shlex.join(command)} --width 3840 --height 2160"
+    done = subprocess.run(["sh", "-c", shell], capture_output=True, text=True, timeout=30)
+    assert done.returncode == 2
+    assert "not enough memory: looking at 3840x2160 pixels takes 1." in done.stderr
+    assert "address space" in done.stderr
 
 
 def test_what_looks_at_nothing_imports_no_server() -> None:

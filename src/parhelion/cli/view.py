@@ -8,6 +8,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
+from .. import memory
 from . import options
 
 if TYPE_CHECKING:
@@ -58,12 +59,22 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         help="only print the page's address",
     )
     p.add_argument("-t", "--threads", type=int, default=0, metavar="N", help="default: all cores")
+    p.add_argument(
+        "--memory-limit",
+        metavar="SIZE",
+        help="bytes, or 4G, 500M: what would take more is an error; default: what there is",
+    )
     options.add_logging(p)
     p.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Serves until Ctrl-C, which is no mistake here."""
+    with memory.limited(args.memory_limit):
+        return _serve(args)
+
+
+def _serve(args: argparse.Namespace) -> int:
     from ..view.server import Server
     from ..view.session import DEFAULT_SPP, Session
     from ..view.watch import Watch, recorded

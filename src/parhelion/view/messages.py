@@ -6,11 +6,13 @@ a JSON object with a "type", and bytes, such as a picture's, which may be none.
 
 from __future__ import annotations
 
+import io
 import logging
 import re
 import tempfile
 import threading
 import time
+import zipfile
 from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict
@@ -19,11 +21,13 @@ from typing import Any, Literal
 
 import msgspec
 
+from .. import memory
 from ..denoise import check_denoiser
 from ..display import VIEW_TRANSFORMS
 from ..errors import ParhelionError, ResourceError, SceneError
 from ..image import encoded
-from ..scene import Camera
+from ..saving import save
+from ..scene import Camera, Scene
 from .layers import LAYERS, PICTURE
 from .session import Event, Frame, Session, resident
 
@@ -33,8 +37,10 @@ log = logging.getLogger("parhelion")
 LARGEST = 1 << 20
 # Frames that may be on their way to a front end that has not said that it shows them.
 UNSEEN = 2
-# Mistaken messages after which nobody listens any more.
-MOST_MISTAKES = 100
+# Mistaken messages, and answers that wait to be taken, after which nobody listens any more.
+MOST_MISTAKES, MOST_ANSWERS = 100, 1000
+# Bytes of a scene's files that a page is given.
+LARGEST_SCENE = 1 << 28
 
 # What is told before pictures, in this order
 _FIRST: tuple[Event, ...] = ("state", "scene", "values")
@@ -121,9 +127,9 @@ class Pick(_Message, tag="pick"):
 
 
 class Save(_Message, tag="save"):
-    """The picture as a file's bytes."""
+    """The picture, or the scene as it is now (json), as a file's bytes."""
 
-    format: Literal["png", "exr"]
+    format: Literal["png", "exr", "json"]
     id: int = 0
 
 
@@ -176,13 +182,18 @@ class Client:
         self._sent: deque[int] = deque()  # numbers of frames on their way
         self._shown: tuple[Any, ...] = ()
         self._stamp = self._revision = 0  # of the newest camera from here
-        self._saving = False
-        self.mistakes = 0
+        self._saving = False  # until the file is taken
+        self._mistakes = 0
         self._end = session.subscribe(self._on)
 
     def close(self) -> None:
         """Is told no more."""
         self._end()
+
+    @property
+    def over(self) -> bool:
+        """Whether nobody listens any more: it made too many mistakes, or asks and takes nothing."""
+        return self._mistakes >= MOST_MISTAKES or len(self._answers) >= MOST_ANSWERS
 
     def _on(self, event: Event) -> None:
         with self._lock:
@@ -200,7 +211,9 @@ class Client:
         """The next message, or None if there is none for now; packing a picture takes some time."""
         with self._lock:
             if self._answers:
-                return self._answers.popleft()
+                header, data = self._answers.popleft()
+                self._saving = self._saving and header["type"] != "file"
+                return header, data
             event: Event
             for event in _FIRST:
                 if event in self._due:
@@ -270,6 +283,8 @@ class Client:
         One that is no such message, or asks for what has no meaning, is logged and answered with an
         error, and changes nothing.
         """
+        if self.over:
+            return None
         message: Any = None
         try:
             if len(raw) > LARGEST:
@@ -281,7 +296,7 @@ class Client:
         return None
 
     def _refuse(self, error: BaseException, request: int = 0) -> None:
-        self.mistakes += not isinstance(error, ResourceError)
+        self._mistakes += not isinstance(error, ResourceError)
         text = " ".join(str(error).split())
         log.warning("view: refused: %s", text)
         self._answer({"type": "error", "text": text, "id": request})
@@ -292,7 +307,7 @@ class Client:
         match message:
             case Look():
                 with self._look:
-                    self._stamp = message.stamp
+                    self._stamp = message.stamp  # also of one that is refused: it led to none
                     self._revision = session.look(message.camera)
             case Home():
                 with self._look:
@@ -330,7 +345,9 @@ class Client:
                 self._answer({"type": "pick", "id": message.id, **seen})
             case Save():
                 if self._saving:
-                    raise ResourceError("the picture is being saved already")
+                    raise ResourceError(
+                        "the picture is being saved already, or has not been taken yet"
+                    )
                 self._saving = True
                 return lambda: self._save(message)
         return None
@@ -341,13 +358,13 @@ class Client:
 
     def _save(self, message: Save) -> None:
         try:
-            name, data = saved(self._session, message.format)
+            with self._session.limited():
+                name, data = saved(self._session, message.format)
         except (ParhelionError, MemoryError) as error:
+            self._saving = False
             self._refuse(error, message.id)
             return
-        finally:  # before the answer, upon which the next may be asked for
-            self._saving = False
-        mime = {"png": "image/png", "exr": "image/x-exr"}[message.format]
+        mime = _MIME[Path(name).suffix]
         self._answer({"type": "file", "id": message.id, "name": name, "mime": mime}, data)
 
 
@@ -359,15 +376,28 @@ def _can_denoise() -> bool:
     return True
 
 
-def saved(session: Session, ending: str) -> tuple[str, bytes]:
-    """A file's name and bytes: .png as it is shown, .exr linear, with features if some are there.
+_MIME = {
+    ".png": "image/png",
+    ".exr": "image/x-exr",
+    ".json": "application/json",
+    ".zip": "application/zip",
+}
 
-    Raises ResourceError if the picture is not there in time.
+
+def saved(session: Session, ending: str) -> tuple[str, bytes]:
+    """A file's name and bytes: .png as it is shown, .exr linear, with features if some are there,
+    .json the scene as it is now, in a .zip with its arrays where they lie in a file of their own.
+
+    Raises ResourceError if the picture is not there in time, or the scene too large.
     """
-    image = session.image()
     state = session.state()
     name = re.sub(r"[^\w.-]+", "-", Path(state["scene"]).stem).strip("-.") or "parhelion"
     name = f"{name}-{time.strftime('%Y%m%d-%H%M%S')}.{ending}"
+    if ending == "json":
+        return _packed(session.scene(), name)
+    image = session.image()
+    needed = 4 * image.pixels.nbytes + 3 * sum(part.nbytes for part in image.features.values())
+    memory.require(needed, "saving the picture", "a smaller one takes less")
     if ending == "png" and state["layer"] != PICTURE:
         return name, encoded(session.picture(session.finished()), image.metadata(), ".png")
     if state["denoise"]:
@@ -376,6 +406,25 @@ def saved(session: Session, ending: str) -> tuple[str, bytes]:
         file = Path(folder) / f"picture.{ending}"
         image.save(file, exposure=state["exposure"], view_transform=state["view_transform"])
         return name, file.read_bytes()
+
+
+def _packed(scene: Scene, name: str) -> tuple[str, bytes]:
+    """A scene's file, in a .zip if there is another one beside it."""
+    with tempfile.TemporaryDirectory() as folder:
+        save(scene, Path(folder) / name)
+        files = sorted(Path(folder).iterdir())
+        if sum(file.stat().st_size for file in files) > LARGEST_SCENE:
+            raise ResourceError(
+                f"the scene takes more than {memory.amount(LARGEST_SCENE)}, which is too much for a"
+                " page; in Python, ph.save(session.scene(), FILE) writes it"
+            )
+        if len(files) == 1:
+            return name, files[0].read_bytes()
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+            for file in files:
+                archive.write(file, file.name)
+        return f"{name.removesuffix('.json')}.zip", packed.getvalue()
 
 
 def joined(header: Header, data: bytes) -> bytes:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ResourceError
-from .messages import LARGEST, MOST_MISTAKES, Client, Packer, joined
+from .messages import LARGEST, Client, Packer, joined
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -223,7 +223,7 @@ class Server:
         try:
             async with _Tasks() as tasks:
                 tasks.start(send())
-                while client.mistakes < MOST_MISTAKES:
+                while not client.over:
                     received = await ws.receive()
                     if received["type"] != "websocket.receive":
                         break
