@@ -6,6 +6,7 @@ import base64
 import json
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -162,6 +163,39 @@ def test_python_ends_while_a_session_renders() -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_python_ends_while_a_viewer_is_open() -> None:
+    """Nothing of the core is left that nanobind would complain of."""
+    code = (
+        "import parhelion as ph, time\n"
+        "viewer = ph.weekend().view(width=320, height=200)\n"
+        "viewer._handle_custom_msg({'type': 'hello'}, [])\n"
+        "time.sleep(0.5)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=30)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.parametrize("ends", ["close", "comm"])
+def test_a_viewer_that_is_closed_ends_its_session(ends: str) -> None:
+    viewer = scene().view(spp=2**20)
+    hear(viewer, "hello")
+    if ends == "close":
+        viewer.close()
+    else:  # as when the front end closes the widget
+        viewer.comm.handle_close({})
+    assert not viewer.session._thread.is_alive()
+    viewer._thread.join(5)
+    assert not viewer._thread.is_alive()
+    hear(viewer, "pick", x=0.5, y=0.5)  # one that was on its way
+    viewer.close()
+
+
 def test_settings_of_a_view_are_checked() -> None:
+    before = threading.active_count()
     with pytest.raises(ph.SceneError, match="max_depht"):
         scene().view(max_depht=3)
+    with pytest.raises(ph.SceneError, match="height is 'x'"):
+        scene().view(height="x")
+    with pytest.raises(ph.ResourceError, match="memory_limit"):
+        scene().view(memory_limit="1M")
+    assert threading.active_count() == before

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
+import logging
 import threading
 from typing import Any
 
 import msgspec
 
 from ..errors import ResourceError
+from ..scene import Scene
 from .messages import Client, Packer
 from .server import PAGE
-from .session import Session
+from .session import LARGEST_SIDE, Session, whole
 
 try:
     import anywidget
@@ -22,9 +23,18 @@ except ImportError:
         "views in notebooks need the package anywidget: pip install anywidget"
     ) from None
 
+log = logging.getLogger("parhelion")
+
+
+def view(scene: Scene, height: int, **settings: Any) -> Viewer:
+    """See Scene.view()."""
+    whole("height", height, LARGEST_SIDE)  # before there is a session that nobody would end
+    return Viewer(Session(scene, **settings), height=height)
+
 
 class Viewer(anywidget.AnyWidget):
-    """Shows a session. It rests while no cell shows it; close() ends it.
+    """Shows a session. It rests while no cell shows it; close() ends it, as does a front end that
+    closes the widget, and the end of Python.
 
     session: whose camera, parameters and picture are there to be read and changed from Python too.
     height: of the cell, in pixels of the page.
@@ -44,6 +54,8 @@ class Viewer(anywidget.AnyWidget):
         self._packer = Packer(session)
         self._client: Client | None = None
         self.on_msg(self._hear)
+        if self.comm is not None:
+            self.comm.on_close(lambda _message: self.close())
         self._thread = threading.Thread(target=self._tell, name="parhelion-notebook", daemon=True)
         self._thread.start()
 
@@ -83,7 +95,9 @@ class Viewer(anywidget.AnyWidget):
                 if message is None:
                     break
                 header, data = message
-                with contextlib.suppress(RuntimeError, OSError):  # the kernel is going down
+                try:
                     self.send(msgspec.to_builtins(header), [data] if data else [])
+                except Exception as error:  # of whatever carries it: the kernel is going down
+                    log.debug("view: a cell was not told: %r", error)
             if self._over:
                 return
