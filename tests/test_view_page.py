@@ -67,6 +67,12 @@ def opened(browser: Any, server: Server, **options: Any) -> Iterator[Any]:
     made.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)
     made.goto(server.url)
     made.wait_for_selector('body[data-scale="1"][data-spp="4"]')
+    # the first picture has the scene's size; the page asks for its own, which may come much later
+    canvas = made.locator("canvas")
+    wait_for(
+        lambda: abs(canvas.bounding_box()["width"] - server.session.state()["width"]) <= 1,
+        "a picture that fits",
+    )
     yield made
     context.close()
     # a connection that a test cuts is told by the browser
@@ -259,6 +265,18 @@ def test_saving_gives_the_picture(
     image = session.image()
     expected = image.srgb() if ending == "png" else image.pixels
     assert np.array_equal(read_pixels(str(file)), expected)
+
+
+def test_saving_gives_the_scene_as_it_is_now(page: Any, session: Session, tmp_path: Path) -> None:
+    is_finished(page, session)
+    page.get_by_role("application").press("ArrowLeft")
+    wait_for(lambda: session.camera.eye != scene().camera.eye, "a turn")
+    page.get_by_role("button", name="Save the picture").click()
+    with page.expect_download() as download:
+        page.get_by_role("menuitem", name="Scene, as changed here").click()
+    file = tmp_path / download.value.suggested_filename
+    download.value.save_as(file)
+    assert ph.load(file).camera == session.camera
 
 
 def test_reloading_and_a_server_that_comes_back(
