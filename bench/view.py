@@ -7,6 +7,7 @@ python -m bench.view soak       clients that come and go, and what memory is tak
 from __future__ import annotations
 
 import argparse
+import ctypes
 import gc
 import json
 import os
@@ -92,28 +93,52 @@ def latency(spheres: int, moves: int, width: int, height: int) -> int:
 # --- Soak ----------------------------------------------------------------------------------------
 
 
+class _Info(ctypes.Structure):
+    """glibc's struct mallinfo2."""
+
+    _fields_ = [
+        ("before", 4 * ctypes.c_size_t),
+        ("hblkhd", ctypes.c_size_t),  # bytes of large blocks
+        ("between", 2 * ctypes.c_size_t),
+        ("uordblks", ctypes.c_size_t),  # bytes of all others
+        ("after", 2 * ctypes.c_size_t),
+    ]
+
+
+def allocated() -> int:
+    """Bytes that the C library has given out and that were not given back, as opposed to those that
+    it keeps for what comes; 0 where it does not tell.
+    """
+    try:
+        ask = ctypes.CDLL(None).mallinfo2
+    except (AttributeError, OSError):
+        return 0
+    ask.restype = _Info
+    info = ask()
+    return int(info.uordblks + info.hblkhd)
+
+
 def soak(minutes: float, clients: int, spheres: int, every: float) -> int:
     """Prints what is taken, by time; 1 if it grows."""
-    rows: list[tuple[float, int, int, int]] = []
+    rows: list[tuple[float, int, int, int]] = []  # minutes, resident, allocated, objects
     # small pictures, so that what is kept by mistake is not lost among what they take
     with Session(scene(spheres), width=320, height=180) as session, Server(session) as server:
         command = [sys.executable, "-m", "bench.view", "clients", server.url, str(clients)]
         visitors = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-        print("  minutes    MB  threads  files  objects  clients  frames", flush=True)
+        print("  minutes    MB  given  threads  files  objects  clients  frames", flush=True)
         start = time.monotonic()
         try:
             while time.monotonic() - start < 60 * minutes:
                 time.sleep(every)
                 passed = (time.monotonic() - start) / 60
-                taken = resident() or 0
-                files = len(os.listdir("/proc/self/fd"))
                 gc.collect()
-                objects = len(gc.get_objects())
-                rows.append((passed, taken, threading.active_count(), files))
+                rows.append((passed, resident() or 0, allocated(), len(gc.get_objects())))
+                _, taken, given, objects = rows[-1]
+                files = len(os.listdir("/proc/self/fd"))
                 number = session.frame.number if session.frame else 0
                 print(
-                    f"{passed:9.1f} {taken / 1e6:5.0f} {threading.active_count():8d} {files:6d}"
-                    f" {objects:8d}"
+                    f"{passed:9.1f} {taken / 1e6:5.0f} {given / 1e6:6.1f}"
+                    f" {threading.active_count():8d} {files:6d} {objects:8d}"
                     f" {server.clients:8d} {number:7d}",
                     flush=True,
                 )
@@ -131,6 +156,15 @@ def soak(minutes: float, clients: int, spheres: int, every: float) -> int:
     early = statistics.median(row[1] for row in rows if 0.25 < row[0] / minutes <= 0.5)
     late = statistics.median(row[1] for row in rows if row[0] / minutes > 0.75)
     print(f"second quarter {early / 1e6:.0f} MB, last {late / 1e6:.0f} MB, {left} clients left")
+    warm = [row for row in rows if row[0] / minutes > 0.25]
+    hours = [row[0] / 60 for row in warm]
+    for name, values in (
+        ("MB resident", [row[1] / 1e6 for row in warm]),
+        ("MB given out by malloc", [row[2] / 1e6 for row in warm]),
+        ("objects of Python", [float(row[3]) for row in warm]),
+    ):
+        slope = statistics.linear_regression(hours, values).slope
+        print(f"{name}: median {statistics.median(values):.0f}, {slope:+.1f} an hour")
     return int(late > early + SLACK or left > 0)
 
 
@@ -199,7 +233,7 @@ def _message(rng: random.Random) -> str:
         {"type": "hide", "objects": rng.choice([[], [0]])},
         {"type": "restore"},
         {"type": "pick", "x": rng.random(), "y": rng.random()},
-        {"type": "save", "format": rng.choice(["png", "exr"])},
+        {"type": "save", "format": rng.choice(["png", "exr", "json"])},
         {"type": "nonsense"},
     ]  # fmt: skip
     return json.dumps(rng.choice(choices))
