@@ -7,11 +7,14 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import parhelion as ph
+from parhelion import renderer
+from parhelion.view import session as views
 from parhelion.view.layers import LAYERS
 from parhelion.view.session import Frame, Session, resident
 
@@ -251,6 +254,31 @@ def test_hidden_objects_are_not_there_and_changes_stay(session: Session) -> None
     assert np.array_equal(settled(session).pixels, ph.render(green, spp=4).pixels)
     with pytest.raises(ph.SceneError, match=r"objects\[7\]: there are 4"):
         session.hide([7]).result(10)
+
+
+def test_of_many_hidings_the_last_is_built(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settled(session)
+    built: list[object] = []
+    go = threading.Event()
+
+    def build(*arguments: Any) -> Any:
+        go.wait(10)
+        built.append(arguments)
+        return renderer.build(*arguments)
+
+    monkeypatch.setattr(views, "build", build)
+    asked = [session.hide([k % 3]) for k in range(20)]
+    # meanwhile others look, and pick in what is still there
+    assert session.pick(0.5, 0.5).object == "ball"
+    session.look(replace(session.camera, eye=(0.0, 1.0, 5.0)))
+    go.set()
+    for future in asked:
+        future.result(10)
+    assert len(built) <= 2
+    assert [o["visible"] for o in session.outline()["objects"]] == [True, False, True, True]
+    assert settled(session).hidden == {1: "small ball"}
 
 
 def test_objects_of_every_kind_can_be_hidden() -> None:

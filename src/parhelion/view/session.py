@@ -235,6 +235,7 @@ class Session:
         self._spp = whole("spp", spp, 2**23)
         self._drawing: _Drawing | None = None
         self._number = 0
+        self._hides = 0  # that were asked for
         self._core: Any
         self._parameters: Parameters
         self._prepared: Prepared
@@ -410,10 +411,14 @@ class Session:
     def hide(self, objects: Collection[int]) -> Future[None]:
         """Which objects, by their indices in the outline, are not there: their tree is made again.
 
-        What is returned holds the error, if there is one, when it has been done.
+        Raises SceneError for those that there are not. What is returned holds the error, if there
+        is one, when it has been done, or left to what was asked for later.
         """
         hidden = set(objects)
-        return self._do(lambda: self._hide(hidden), "scene", "building the scene")
+        self._check_objects(hidden)
+        self._hides += 1
+        number = self._hides
+        return self._do(lambda: self._hide(hidden, number), "scene", "building the scene")
 
     def replace(self, scene: Scene | Prepared | Any) -> Future[None]:
         """Another scene, as of a file that was changed. The camera stays if the user moved it.
@@ -880,12 +885,10 @@ class Session:
         if not self._moved and (now.width, now.height) == (width, height):
             self._ask(camera=camera)
 
-    def _hide(self, hidden: set[int]) -> None:
-        count = len(self._prepared.flat.object_names)
-        for i in hidden:
-            if not 0 <= i < count:
-                raise SceneError(f"objects[{i}]: there are {count}")
-        if hidden == self._hidden:
+    def _hide(self, hidden: set[int], number: int) -> None:
+        self._check_objects(hidden)  # of another scene by now, perhaps
+        # a tree of 1e7 spheres takes seconds, and is not made for what the next one ends
+        if hidden == self._hidden or number < self._hides:
             return
         core, flat = self._prepared.core, self._prepared.flat
         if hidden:
@@ -901,6 +904,12 @@ class Session:
                 self._parameters.change(*change)
 
         self._apply(swap)
+
+    def _check_objects(self, objects: Collection[int]) -> None:
+        count = len(self._prepared.flat.object_names)
+        for i in objects:
+            if not 0 <= i < count:
+                raise SceneError(f"objects[{i}]: there are {count}")
 
     def _view(self, camera: Camera, settings: Settings) -> Any:
         """The core's view; see make_view(). Raises ResourceError of a session that is closed."""
