@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import logging
 import threading
+import weakref
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -25,6 +28,15 @@ except ImportError:
 
 log = logging.getLogger("parhelion")
 
+# Those that are open: Python must not end while their threads are within a library.
+_open: weakref.WeakSet[Viewer] = weakref.WeakSet()
+
+
+@atexit.register
+def _end_all() -> None:
+    for viewer in list(_open):
+        viewer.end()
+
 
 def view(scene: Scene, height: int, **settings: Any) -> Viewer:
     """See Scene.view()."""
@@ -40,8 +52,9 @@ class Viewer(anywidget.AnyWidget):
     height: of the cell, in pixels of the page.
     """
 
-    _esm = PAGE / "view.js"
-    _css = PAGE / "view.css"
+    # as text: the files themselves anywidget would watch, and hold every widget that shows them
+    _esm = (PAGE / "view.js").read_text()
+    _css = (PAGE / "view.css").read_text()
     height = traitlets.Int(560).tag(sync=True)
 
     def __init__(self, session: Session, *, height: int = 560) -> None:
@@ -56,17 +69,29 @@ class Viewer(anywidget.AnyWidget):
         self.on_msg(self._hear)
         if self.comm is not None:
             self.comm.on_close(lambda _message: self.close())
-        self._thread = threading.Thread(target=self._tell, name="parhelion-notebook", daemon=True)
-        self._thread.start()
+        self._threads: list[threading.Thread] = []
+        self._start(self._tell)
+        _open.add(self)
 
     def close(self) -> None:
         """Ends the session, and takes the widget out of its cells."""
+        self.end()
+        super().close()
+
+    def end(self) -> None:
+        """Ends the session and all threads."""
         self._over = True
         self._due.set()
         if self._client is not None:
             self._client.close()
         self.session.close()
-        super().close()
+        for thread in self._threads:
+            thread.join()
+
+    def _start(self, work: Callable[[], None]) -> None:
+        self._threads = [thread for thread in self._threads if thread.is_alive()]
+        self._threads.append(threading.Thread(target=work, name="parhelion-notebook", daemon=True))
+        self._threads[-1].start()
 
     def _hear(self, _widget: Any, message: Any, _buffers: Any) -> None:
         kind = message.get("type") if isinstance(message, dict) else None
@@ -81,10 +106,10 @@ class Viewer(anywidget.AnyWidget):
         elif kind == "goodbye":
             self._cells = max(0, self._cells - 1)
             self.session.rest(self._cells == 0)
-        elif self._client is not None:
+        elif self._client is not None and not self._over:
             later = self._client.receive(json.dumps(message))
             if later is not None:
-                threading.Thread(target=later, name="parhelion-request", daemon=True).start()
+                self._start(later)
 
     def _tell(self) -> None:
         while True:
