@@ -273,7 +273,7 @@ def test_saving_gives_the_scene_as_it_is_now(page: Any, session: Session, tmp_pa
     wait_for(lambda: session.camera.eye != scene().camera.eye, "a turn")
     page.get_by_role("button", name="Save the picture").click()
     with page.expect_download() as download:
-        page.get_by_role("menuitem", name="Scene, as changed here").click()
+        page.get_by_role("menuitem", name="JSON, the scene").click()
     file = tmp_path / download.value.suggested_filename
     download.value.save_as(file)
     assert ph.load(file).camera == session.camera

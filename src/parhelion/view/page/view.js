@@ -372,7 +372,7 @@ class View {
         this.menu("save", "Save the picture", [
           ["PNG, as shown", () => this.save("png")],
           ["EXR, linear light", () => this.save("exr")],
-          ["Scene, as changed here", () => this.save("json")],
+          ["JSON, the scene", () => this.save("json")],
         ]),
         this.menu("camera", "Copy the camera", [
           ["As JSON", () => this.copy("json")],
