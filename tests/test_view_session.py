@@ -207,6 +207,28 @@ def test_a_changed_parameter_gives_the_picture_of_the_changed_scene(
     assert np.array_equal(settled(session).pixels, ph.render(scene(), spp=4).pixels)
 
 
+def test_changes_without_end_do_not_stall_the_picture(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settled(session)
+    change = views.Parameters.change
+
+    def slow(*arguments: Any) -> None:
+        time.sleep(0.01)
+        change(*arguments)
+
+    monkeypatch.setattr(views.Parameters, "change", slow)
+    frames: list[Frame] = []
+    session.subscribe(lambda event: frames.append(session.frame) if event == "frame" else None)
+    end, refused = time.monotonic() + 20, 0
+    while len(frames) < 3 or not refused:  # faster than they can be done
+        assert time.monotonic() < end
+        future = session.change("materials", 0, "color", [len(frames) % 10 / 10, 0.5, 0.5])
+        if len(session._jobs) < 1000:
+            time.sleep(0.001)
+        refused += future.done() and "changes wait" in str(future.exception())
+
+
 def test_light_from_an_image_can_be_changed() -> None:
     rng = np.random.default_rng(1)
     image = rng.random((8, 16, 3)).astype(np.float32) ** 4

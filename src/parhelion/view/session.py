@@ -78,6 +78,8 @@ SHOWN_BYTES, SHOWN_FEATURE_BYTES = 80, 160
 # Sides of a picture, and pixels in all.
 LARGEST_SIDE, MOST_PIXELS = 8192, 3840 * 2160
 DEFAULT_SPP = 4096
+# Changes that may wait.
+MOST_JOBS = 1000
 
 # Those that are open: Python must not end while their threads are within the core.
 _running: weakref.WeakSet[Session] = weakref.WeakSet()
@@ -817,6 +819,9 @@ class Session:
             if self._closing:
                 future.cancel()
                 return future
+            if len(self._jobs) >= MOST_JOBS:
+                future.set_exception(ResourceError(f"more than {MOST_JOBS} changes wait"))
+                return future
             self._jobs.append((run, future))
             self._condition.notify_all()
         return future
@@ -828,11 +833,8 @@ class Session:
             self._flat = self._parameters.flat(self._visible)
 
     def _work_off(self) -> None:
-        while True:
-            with self._condition:
-                if not self._jobs:
-                    return
-                run, future = self._jobs.popleft()
+        for _ in range(len(self._jobs)):  # not those that come meanwhile: a picture is due
+            run, future = self._jobs.popleft()
             try:
                 run()
             except (ParhelionError, MemoryError) as error:
