@@ -423,6 +423,39 @@ def test_the_command_serves_until_ctrl_c(tmp_path: Path) -> None:
         assert "Traceback" not in process.stderr.read()
 
 
+def test_ctrl_c_while_a_file_is_read_again(tmp_path: Path) -> None:
+    file = tmp_path / "one.xyz"
+    file.write_text("1\n\nO 0 0 0\n")
+    code = (
+        "import sys, time, numpy as np, parhelion as ph\n"
+        "from parhelion.cli import main, options\n"
+        "load, times = options.load_scene, []\n"
+        "def slow(args):\n"
+        "    times.append(1)\n"
+        "    if len(times) > 1:\n"
+        "        print('reading', flush=True)\n"
+        "        end = time.monotonic() + 20\n"
+        "        while time.monotonic() < end:\n"
+        "            ph.prepare(ph.Scene([ph.Spheres(np.random.rand(100_000, 3), 0.01)]))\n"
+        "    return load(args)\n"
+        "options.load_scene = slow\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    command = [sys.executable, "-c", code, "view", "--no-browser", "--quiet", str(file)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert process.stdout.readline().startswith("http")
+        file.write_text("2\n\nO 0 0 0\nO 0 0 3\n")
+        assert process.stdout.readline() == "reading\n"
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 0
+        assert process.stderr.read() == ""
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

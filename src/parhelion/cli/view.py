@@ -92,7 +92,7 @@ def _serve(args: argparse.Namespace) -> int:
 
     with (
         session,
-        Watch(session, load, files),
+        Watch(session, load, files) as watch,
         Server(session, host=args.host, port=args.port) as server,
     ):
         print(server.url, flush=True)
@@ -104,6 +104,10 @@ def _serve(args: argparse.Namespace) -> int:
             webbrowser.open(server.url)
         with contextlib.suppress(KeyboardInterrupt):
             server.wait()
+    if not watch.ended:
+        # it is within the core, which cannot be stopped, and must not come back from there into a
+        # Python that ends: that takes the process down
+        os._exit(0)
     return 0
 
 

@@ -130,6 +130,11 @@ class Watch:
         self._end.set()
         self._thread.join(0.1)
 
+    @property
+    def ended(self) -> bool:
+        """Whether nothing is read any more."""
+        return not self._thread.is_alive()
+
     def _run(self) -> None:
         while not self._end.wait(POLL):
             if self._changed():
