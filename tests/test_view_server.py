@@ -26,6 +26,7 @@ from websockets.sync.client import ClientConnection, connect
 
 import parhelion as ph
 from parhelion.image import read_pixels
+from parhelion.view import messages
 from parhelion.view.messages import (
     LARGEST,
     MOST_ANSWERS,
@@ -217,7 +218,9 @@ def test_a_client_that_takes_nothing_keeps_one_file_and_is_sent_away(
     client.close()
 
 
-def test_the_scene_as_it_is_now_can_be_saved(server: Server, tmp_path: Path) -> None:
+def test_the_scene_as_it_is_now_can_be_saved(
+    server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with talking(server) as talk:
         talk.send("change", kind="materials", index=0, name="color", value=[0.1, 0.2, 0.9])
         talk.until("values")
@@ -235,6 +238,9 @@ def test_the_scene_as_it_is_now_can_be_saved(server: Server, tmp_path: Path) -> 
             archive.extractall(tmp_path)
             (document,) = (n for n in archive.namelist() if n.endswith(".json"))
         assert len(ph.load(tmp_path / document).shapes[0].centers) == 150
+        monkeypatch.setattr(messages, "LARGEST_SCENE", 1 << 10)
+        talk.send("save", format="json", id=3)
+        assert "a page gets at most 0 MiB" in talk.until("error", id=3)["text"]
 
 
 def test_nothing_more_is_rendered_while_nobody_looks(server: Server) -> None:

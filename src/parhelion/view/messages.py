@@ -27,7 +27,7 @@ from ..display import VIEW_TRANSFORMS
 from ..errors import ParhelionError, ResourceError, SceneError
 from ..image import encoded
 from ..saving import save
-from ..scene import Camera, Scene
+from ..scene import Camera
 from .layers import LAYERS, PICTURE
 from .session import Event, Frame, Session, resident
 
@@ -39,7 +39,7 @@ LARGEST = 1 << 20
 UNSEEN = 2
 # Mistaken messages, and answers that wait to be taken, after which nobody listens any more.
 MOST_MISTAKES, MOST_ANSWERS = 100, 1000
-# Bytes of a scene's files that a page is given.
+# Bytes of arrays of a scene that a page is given.
 LARGEST_SCENE = 1 << 28
 
 # What is told before pictures, in this order
@@ -394,7 +394,7 @@ def saved(session: Session, ending: str) -> tuple[str, bytes]:
     name = re.sub(r"[^\w.-]+", "-", Path(state["scene"]).stem).strip("-.") or "parhelion"
     name = f"{name}-{time.strftime('%Y%m%d-%H%M%S')}.{ending}"
     if ending == "json":
-        return _packed(session.scene(), name)
+        return _packed(session, name)
     image = session.image()
     needed = 4 * image.pixels.nbytes + 3 * sum(part.nbytes for part in image.features.values())
     memory.require(needed, "saving the picture", "a smaller one takes less")
@@ -408,16 +408,19 @@ def saved(session: Session, ending: str) -> tuple[str, bytes]:
         return name, file.read_bytes()
 
 
-def _packed(scene: Scene, name: str) -> tuple[str, bytes]:
-    """A scene's file, in a .zip if there is another one beside it."""
+def _packed(session: Session, name: str) -> tuple[str, bytes]:
+    """The file of a scene as it is now, in a .zip if there is another one beside it."""
+    size = session.array_bytes()
+    if size > LARGEST_SCENE:
+        raise ResourceError(
+            f"the scene's arrays take {memory.amount(size)}, a page gets at most"
+            f" {memory.amount(LARGEST_SCENE)}; in Python, ph.save(session.scene(), FILE) writes it"
+        )
+    # arrays as they are checked, and a file that may have them in 64 bits, packed, on its way
+    memory.require(8 * size, "saving the scene", "ph.save(session.scene(), FILE) takes less")
     with tempfile.TemporaryDirectory() as folder:
-        save(scene, Path(folder) / name)
+        save(session.scene(), Path(folder) / name)
         files = sorted(Path(folder).iterdir())
-        if sum(file.stat().st_size for file in files) > LARGEST_SCENE:
-            raise ResourceError(
-                f"the scene takes more than {memory.amount(LARGEST_SCENE)}, which is too much for a"
-                " page; in Python, ph.save(session.scene(), FILE) writes it"
-            )
         if len(files) == 1:
             return name, files[0].read_bytes()
         packed = io.BytesIO()

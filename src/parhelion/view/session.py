@@ -484,6 +484,13 @@ class Session:
             source=None,
         )
 
+    def array_bytes(self) -> int:
+        """What the scene's arrays and images take."""
+        parts = self._prepared.flat.parts
+        records = [*(shape for group in parts["groups"] for shape in group), *parts["images"]]
+        arrays = (value for record in records for value in record.values())
+        return sum(value.nbytes for value in arrays if isinstance(value, np.ndarray))
+
     def state(self) -> dict[str, Any]:
         """What front ends show, as plain values."""
         now = self._request
