@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import parhelion as ph
-from parhelion import renderer
+from parhelion import memory, renderer
 from parhelion.view import session as views
 from parhelion.view.layers import LAYERS
 from parhelion.view.session import Frame, Session, resident
@@ -456,7 +456,9 @@ def test_a_picture_tells_what_was_hidden_and_is_made_again(tmp_path: Path) -> No
         ph.rerender(tmp_path / "changed.exr")
 
 
-def test_what_memory_cannot_hold_is_refused_and_the_picture_stays(session: Session) -> None:
+def test_what_memory_cannot_hold_is_refused_and_the_picture_stays(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before = settled(session)
     held = resident()
     assert held is not None
@@ -468,6 +470,15 @@ def test_what_memory_cannot_hold_is_refused_and_the_picture_stays(session: Sessi
     assert session.frame is before
     session.resize(192, 128)
     assert settled(session).pixels.shape == (128, 192, 3)
+    with monkeypatch.context() as patch:  # as if others had taken all since
+        patch.setattr(memory, "free", lambda *_, **__: memory.Free(0, "are free"))
+        session.look(replace(session.camera, eye=(0.0, 1.0, 5.0)))
+        with pytest.raises(ph.ResourceError, match="not enough memory"):
+            session.image()
+        assert "not enough memory" in session.state()["error"]
+    session.look(replace(session.camera, eye=(0.0, 1.0, 6.0)))
+    assert settled(session).camera.eye == (0.0, 1.0, 6.0)
+    assert session.state()["error"] is None
     with pytest.raises(ph.ResourceError, match="memory_limit"):
         Session(scene(), width=2000, height=1500, memory_limit=held + 2**26)
     with pytest.raises(ph.ResourceError, match="memory_limit"):

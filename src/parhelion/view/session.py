@@ -228,7 +228,7 @@ class Session:
         self._paused = self._resting = False
         self._moved = False
         self._error: str | None = None  # of what was reported, and of the picture
-        self._failure: str | None = None
+        self._failure: ParhelionError | None = None
         self._busy: str | None = None
         self._layer, self._display, self._denoise = PICTURE, Display(), False
         self._frame: Frame | None = None
@@ -508,7 +508,7 @@ class Session:
             "paused": self._paused,
             "spp": self._spp,
             "moved": self._moved,
-            "error": self._failure or self._error,
+            "error": self._error if self._failure is None else str(self._failure),
             "busy": self._busy,
             "reach": self._extent,
         }
@@ -535,14 +535,14 @@ class Session:
     def finished(self, timeout: float = 60.0) -> Frame:
         """The picture as far as it has come, once it is there in its full size.
 
-        Raises SceneError if it cannot be made, ResourceError if it is not there after so many
-        seconds.
+        Raises why it cannot be made, a SceneError or ResourceError, and ResourceError if it is not
+        there after so many seconds.
         """
         end = time.monotonic() + timeout
         with self._condition:
             while self._full is None or self._full.revision != self._request.revision:
                 if self._failure is not None:
-                    raise SceneError(self._failure)
+                    raise type(self._failure)(str(self._failure))
                 left = end - time.monotonic()
                 if left <= 0 or self._closing:
                     raise ResourceError("the picture is not there yet in its full size")
@@ -649,12 +649,12 @@ class Session:
                 if self._unfinished():
                     self._step()
             except ParhelionError as error:
-                self._fail(str(error))
+                self._fail(error)
             except MemoryError:
-                self._fail("not enough memory")
+                self._fail(ResourceError("not enough memory"))
             except Exception as error:  # an error of ours: told, and the session goes on
                 log.exception("the session's thread")
-                self._fail(f"{type(error).__name__}: {error}")
+                self._fail(ParhelionError(f"{type(error).__name__}: {error}"))
 
     def _unfinished(self) -> bool:
         drawing = self._drawing
@@ -668,7 +668,7 @@ class Session:
             or (not (self._paused or self._resting) and drawing.done < self._spp)
         )
 
-    def _fail(self, error: str) -> None:
+    def _fail(self, error: ParhelionError) -> None:
         request = self._request
         self._drawing = _Drawing(request, 1.0, failed=True)
         self._failure = error
