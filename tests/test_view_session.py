@@ -17,6 +17,7 @@ from parhelion import memory, renderer
 from parhelion.view import session as views
 from parhelion.view.layers import LAYERS
 from parhelion.view.session import Frame, Session, resident
+from test_memory import LINUX, child
 
 WHITE = ph.Material("diffuse", color=(0.8, 0.8, 0.8))
 
@@ -485,6 +486,45 @@ def test_what_memory_cannot_hold_is_refused_and_the_picture_stays(
         Session(scene(), memory_limit="1M")
     with pytest.raises(ph.SceneError, match="memory_limit is 'much'"):
         Session(scene(), memory_limit="much")
+
+
+@LINUX
+@pytest.mark.parametrize("extra", [100, 280, 2000])
+def test_under_a_limit_of_the_system_there_are_errors_and_no_signals(extra: int) -> None:
+    """Address space beyond that taken, in MiB: too little for a picture, for its files, enough."""
+    said = child(
+        f"""
+        import resource
+        import parhelion as ph
+        from parhelion.memory import Path, _field
+        from parhelion.view.messages import Client, Packer, saved
+        from parhelion.view.session import Session
+
+        def look(scene, **size):
+            with Session(scene, spp=1, **size) as session:
+                client = Client(session, Packer(session), lambda: None)
+                for layer in ("picture", "normal"):
+                    session.show(layer=layer)
+                    session.finished()
+                    while client.take():
+                        pass
+                    for ending in ("png", "exr", "json"):
+                        saved(session, ending)
+
+        scene = ph.Scene([ph.Spheres([[0, 0, 0]], 1.0)])
+        look(scene, width=32, height=24)  # loads what it needs
+        most = _field(Path("/proc/self/status"), "VmSize:", 1024) + {extra} * 2**20
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+        try:
+            look(scene, width=800, height=600)
+        except ph.ResourceError as error:
+            print(error)
+        else:
+            print("seen")
+        """
+    )
+    wanted = "seen" if extra == 2000 else "not enough memory: "
+    assert said.startswith(wanted) or (extra == 280 and said == "seen\n")
 
 
 def test_a_prepared_scene_gets_its_parameters_back() -> None:

@@ -698,6 +698,7 @@ class Session:
             drawing.film, self._core, drawing.view, last, self._threads, tick
         )
         seconds = time.perf_counter() - began
+        memory.note_threads(self._threads)
         if first:
             measured = max(samples, 1) / seconds
             # slower is believed at once, faster by and by
