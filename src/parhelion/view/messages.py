@@ -360,8 +360,10 @@ class Client:
         try:
             with self._session.limited():
                 name, data = saved(self._session, message.format)
-        except (ParhelionError, MemoryError) as error:
+        except BaseException as error:
             self._saving = False
+            if not isinstance(error, (ParhelionError, MemoryError, OSError)):
+                raise
             self._refuse(error, message.id)
             return
         mime = _MIME[Path(name).suffix]
