@@ -73,11 +73,12 @@ def test_the_picture_is_that_of_render(session: Session) -> None:
 
 def test_a_coarse_picture_comes_first_and_the_newest_camera_last(session: Session) -> None:
     settled(session)
-    session._rate = 5000.0  # so slow that not all pixels can come first
     seen: list[Frame] = []
     session.subscribe(lambda event: seen.append(session.frame) if event == "frame" else None)
-    for x in range(5):
-        session.look(ph.Camera((x, 1, 4), (0, 0.5, 0)))
+    with session._condition:  # it begins when the last one is there, and has not been quicker
+        session._rate = 5000.0  # so slow that not all pixels can come first
+        for x in range(5):
+            session.look(ph.Camera((x, 1, 4), (0, 0.5, 0)))
     frame = settled(session)
     assert frame.camera.eye[0] == 4
     mine = [f for f in seen if f.revision == frame.revision]
