@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 import parhelion as ph
 from parhelion.cli import main
 from parhelion.display import Display
-from parhelion.image import CHANNELS, encoded
+from parhelion.image import CHANNELS, encoded, read_pixels
 from parhelion.layers import MAIN, PictureFile, exr_bytes
 from parhelion.spectra import decode_srgb
 from picture_tools import read_picture
@@ -161,6 +162,86 @@ def test_alpha(tmp_path: Path) -> None:
     np.testing.assert_allclose(back[..., :3], color * alpha, atol=1e-3)
     assert run(tmp_path / "a.exr", "-o", tmp_path / "c.jpg") == 0
     assert read_picture(tmp_path / "c.jpg")[0][0].max() < 60
+
+
+# CIE x and y of red, green, blue and white, and what makes linear Rec. 709 of ACES' two spaces, as
+# the Academy's transforms have it (linear Bradford)
+ACES = {
+    "AP0": (
+        (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.0770, 0.32168, 0.33767),
+        [
+            [2.52169, -1.13413, -0.38756],
+            [-0.27648, 1.37272, -0.09624],
+            [-0.01538, -0.15298, 1.16835],
+        ],
+    ),
+    "AP1": (
+        (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767),
+        [
+            [1.70505, -0.62179, -0.08326],
+            [-0.13026, 1.14080, -0.01055],
+            [-0.02400, -0.12897, 1.15297],
+        ],
+    ),
+}
+
+
+def with_primaries(path: Path, names: list[str], pixels: np.ndarray, primaries: Any) -> None:
+    import OpenImageIO as oiio
+
+    height, width, count = pixels.shape
+    spec = oiio.ImageSpec(width, height, count, "float")
+    spec.channelnames = tuple(names)
+    spec.attribute("chromaticities", oiio.TypeDesc("float[8]"), primaries)
+    out = oiio.ImageOutput.create(str(path))
+    assert out.open(str(path), spec)
+    assert out.write_image(pixels.astype(np.float32))
+    out.close()
+
+
+@pytest.mark.parametrize("space", list(ACES))
+def test_other_primaries_become_rec_709(tmp_path: Path, space: str) -> None:
+    primaries, rows = ACES[space]
+    names = ["R", "G", "B", "albedo.R", "albedo.G", "albedo.B", "depth.Z", "grey.Y"]
+    colors = np.concatenate([np.eye(3), [[1, 1, 1], [0.2, 0.4, 0.6]]])[None]  # (1, 5, 3)
+    stored = np.concatenate([colors, 0.5 * colors, 7 + colors[..., :2]], axis=2)
+    with_primaries(tmp_path / "in.exr", names, stored, primaries)
+    expected = colors @ np.transpose(rows)
+    np.testing.assert_allclose(expected[0, 3], 1, atol=2e-5)  # white stays white
+    file = PictureFile(tmp_path / "in.exr")
+    light, _ = file.light(file.layer())
+    np.testing.assert_allclose(light, expected, atol=2e-5)
+    np.testing.assert_allclose(file.read(file.layer("albedo")), 0.5 * expected, atol=2e-5)
+    np.testing.assert_array_equal(file.read(file.layer("depth")), np.float32(stored[..., 6:7]))
+    np.testing.assert_array_equal(file.read(file.layer("grey")), np.float32(stored[..., 7:8]))
+    np.testing.assert_allclose(read_pixels(tmp_path / "in.exr"), expected, atol=2e-5)
+    # as pictures for screens, and as files that say nothing of primaries, whole or one layer
+    assert run(tmp_path / "in.exr", "-o", tmp_path / "a.png") == 0
+    shown = Display().encode(np.float32(expected))
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.png")[0], shown)
+    for words in ((), ("--layer", "albedo")):
+        assert run(tmp_path / "in.exr", *words, "-o", tmp_path / "b.exr") == 0
+        written = PictureFile(tmp_path / "b.exr")
+        assert "chromaticities" not in written.metadata
+        again = written.read(written.layer())
+        np.testing.assert_allclose(again, (0.5 if words else 1) * expected, atol=2e-5)
+    assert list(PictureFile(tmp_path / "in.exr").layers) == [MAIN, "albedo", "depth", "grey"]
+
+
+def test_primaries_that_are_none(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    pixels = np.arange(12.0).reshape(2, 2, 3)
+    for primaries in ((0.0,) * 8, (0.3,) * 8, (np.nan,) * 8):
+        caplog.clear()
+        with_primaries(tmp_path / "in.exr", list("RGB"), pixels, primaries)
+        file = PictureFile(tmp_path / "in.exr")
+        np.testing.assert_array_equal(file.read(file.layer()), np.float32(pixels))
+        assert "in.exr: there are no primaries (" in caplog.text
+    rec709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+    caplog.clear()
+    with_primaries(tmp_path / "in.exr", list("RGB"), pixels, rec709)
+    file = PictureFile(tmp_path / "in.exr")
+    np.testing.assert_array_equal(file.read(file.layer()), np.float32(pixels))
+    assert not caplog.text
 
 
 def test_pictures_that_are_for_screens_already(image: ph.Image, tmp_path: Path) -> None:

@@ -230,10 +230,35 @@ def _adaptation(white: WhiteBalance | None) -> NDArray[np.float64]:
     if white is None:
         return np.eye(3)
     at = white if isinstance(white, tuple) else chromaticity(white)
-    scale = (_BRADFORD @ _xyz(_WHITE)) / (_BRADFORD @ _xyz(at))
-    adapted = np.linalg.solve(_BRADFORD, scale[:, None] * _BRADFORD)
     to_xyz = _to_xyz(_PRIMARIES)
-    return np.asarray(np.linalg.solve(to_xyz, adapted @ to_xyz))
+    return np.asarray(np.linalg.solve(to_xyz, _to_d65(at) @ to_xyz))
+
+
+def to_rec709(chromaticities: Any) -> NDArray[np.float64] | None:
+    """(3, 3): linear RGB of other primaries to Rec. 709, white to white (linear Bradford).
+
+    chromaticities: CIE x and y of red, green, blue and white, 8 numbers as EXR files have them.
+    None for those of Rec. 709. Raises SceneError for what are no primaries.
+    """
+    own = [*_PRIMARIES.ravel(), *_WHITE]
+    try:
+        values = np.array(chromaticities, np.float64).reshape(4, 2)
+        if np.allclose(values.ravel(), own, atol=1e-3):
+            return None
+        white = float(values[3, 0]), float(values[3, 1])
+        with np.errstate(all="ignore"):
+            light = _to_d65(white) @ _to_xyz(values[:3], white)
+        if not np.isfinite(light).all():
+            raise ValueError
+    except (TypeError, ValueError, ZeroDivisionError) as error:  # ValueError: LinAlgError too
+        raise SceneError(f"there are no primaries {chromaticities!r}") from error
+    return np.asarray(np.linalg.solve(_to_xyz(_PRIMARIES), light))
+
+
+def _to_d65(white: tuple[float, float]) -> NDArray[np.float64]:
+    """(3, 3) on CIE XYZ: light of this white becomes sRGB's white, of the same luminance."""
+    scale = (_BRADFORD @ _xyz(_WHITE)) / (_BRADFORD @ _xyz(white))
+    return np.asarray(np.linalg.solve(_BRADFORD, scale[:, None] * _BRADFORD))
 
 
 def chromaticity(kelvin: float) -> tuple[float, float]:
@@ -267,10 +292,12 @@ def _xyz(at: tuple[float, float]) -> NDArray[np.float64]:
     return np.array([x / y, 1.0, (1.0 - x - y) / y])
 
 
-def _to_xyz(primaries: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3): RGB of these primaries, (3, 2) CIE x and y, and of sRGB's white, to CIE XYZ."""
+def _to_xyz(
+    primaries: NDArray[np.float64], white: tuple[float, float] = _WHITE
+) -> NDArray[np.float64]:
+    """(3, 3): RGB of these primaries, (3, 2) CIE x and y, and of this white, to CIE XYZ."""
     columns = np.stack([_xyz((float(x), float(y))) for x, y in primaries], axis=1)
-    return np.asarray(columns * np.linalg.solve(columns, _xyz(_WHITE)))
+    return np.asarray(columns * np.linalg.solve(columns, _xyz(white)))
 
 
 # --- View transforms -----------------------------------------------------------------------------

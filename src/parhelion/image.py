@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import logging
 import os
 import tempfile
 import zlib
@@ -18,7 +19,7 @@ import numpy as np
 
 from . import cryptomatte
 from .atomic import is_special, replacing
-from .display import Display, WhiteBalance
+from .display import Display, WhiteBalance, to_rec709
 from .errors import FormatError, ResourceError, SceneError, option, unknown_name
 from .scene import Camera, ColorBar, Settings, Source, Swatches
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .flatten import Flat
+
+log = logging.getLogger("parhelion")
 
 # ending -> bits a channel that it can hold, its default first
 WRITABLE = {".png": (8, 16), ".jpg": (8,), ".jpeg": (8,), ".exr": (32, 16)}
@@ -514,9 +517,32 @@ def _read_pixels(path: str, where: str) -> NDArray[Any]:
     finally:
         source.close()
     chosen = _channels(spec)
-    if chosen == list(range(spec.nchannels)):
-        return np.ascontiguousarray(pixels)
-    return np.ascontiguousarray(pixels[:, :, chosen])
+    if chosen != list(range(spec.nchannels)):
+        pixels = pixels[:, :, chosen]
+    pixels = np.ascontiguousarray(pixels)
+    if kind == "float" and pixels.shape[2] >= 3:
+        in_rec709(pixels, primaries_of(spec, start))
+    return pixels
+
+
+def primaries_of(spec: Any, start: str) -> NDArray[np.float64] | None:
+    """What makes linear Rec. 709 of the colours of a file, (3, 3); None if they are that already.
+
+    start: of a warning about primaries that are none.
+    """
+    told = spec.getattribute("chromaticities")
+    try:
+        return None if told is None else to_rec709(told)
+    except SceneError as error:
+        log.warning("%s%s; its colours are taken for Rec. 709", start, error)
+        return None
+
+
+def in_rec709(pixels: NDArray[np.float32], matrix: NDArray[np.float64] | None) -> None:
+    """Changes colours, the first three of (H, W, C) channels, by primaries_of() their file."""
+    if matrix is not None:
+        with np.errstate(invalid="ignore", over="ignore"):  # infinite ones stay no numbers
+            pixels[..., :3] = pixels[..., :3] @ matrix.T.astype(np.float32)
 
 
 def _channels(spec: Any) -> list[int]:

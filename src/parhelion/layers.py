@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,13 +11,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .errors import FormatError, unknown_name
-from .image import PRECISE, check_unpacked, file_bytes, lay_out, opened, reason_of
+from .image import (
+    PRECISE,
+    check_unpacked,
+    file_bytes,
+    in_rec709,
+    lay_out,
+    opened,
+    primaries_of,
+    reason_of,
+)
 from .spectra import decode_srgb
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-log = logging.getLogger("parhelion")
 
 # What the channels that belong to no layer are called together
 MAIN = "main"
@@ -29,9 +35,6 @@ _ORDERS = ("RGBA", "YA", "XYZ", "UV")
 _LIGHT = frozenset("RGBAYI")
 # Whole numbers in a file, and the largest of each
 _WHOLE = {"uint8": 255, "uint16": 65535}
-
-# Chromaticities of Rec. 709 and D65 as EXR files write them
-_REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,12 @@ class Layer:
         letters = set(self.channels)
         return letters <= _LIGHT and letters != {"A"} and not is_matte(self.name)
 
+    @property
+    def is_linear_rgb(self) -> bool:
+        """Whether it holds linear light of three colours, in the primaries of the file."""
+        rgb = self.channels[:3] == tuple("RGB")
+        return rgb and self.is_light and self.kinds[0] not in _WHOLE
+
 
 class PictureFile:
     """A picture file. Raises FormatError for one that cannot be read."""
@@ -61,6 +70,7 @@ class PictureFile:
         self.layers: dict[str, Layer] = {}
         self.metadata: dict[str, Any] = {}
         self.parts = 0
+        self._primaries: list[NDArray[np.float64] | None] = []  # of each part
         stored = os.path.getsize(self.path) if os.path.isfile(self.path) else 0
         with self._opened() as source:
             while source.seek_subimage(self.parts, 0):
@@ -69,11 +79,9 @@ class PictureFile:
                 if self.parts == 0:
                     self.metadata = {a.name: a.value for a in spec.extra_attribs}
                     self.width, self.height = int(spec.width), int(spec.height)
+                self._primaries.append(primaries_of(spec, f"{self.path}: "))
                 self._add(spec)
                 self.parts += 1
-        primaries = self.metadata.get("chromaticities")
-        if primaries is not None and not np.allclose(primaries, _REC709, atol=1e-3):
-            log.warning("%s: its primaries are not Rec. 709's, and are taken for them", self.path)
 
     def layer(self, name: str | None = None) -> Layer:
         """By its name; None: the picture itself, else the first one of colours, else the first.
@@ -89,12 +97,16 @@ class PictureFile:
         return self.layers[name]
 
     def read(self, layer: Layer) -> NDArray[np.float32]:
-        """(H, W, channels), numbers as they are stored; whole ones as shares of their largest."""
+        """(H, W, channels), numbers as they are stored; whole ones as shares of their largest, and
+        linear colours in Rec. 709, whatever the primaries of the file are.
+        """
         first, last = min(layer.places), max(layer.places) + 1
         pixels = self._pixels(layer.part, first, last)
         order = [place - first for place in layer.places]
         if order != list(range(last - first)):
             pixels = np.ascontiguousarray(pixels[..., order])
+        if layer.is_linear_rgb:
+            in_rec709(pixels, self._primaries[layer.part])
         return pixels
 
     def light(self, layer: Layer) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
@@ -118,7 +130,7 @@ class PictureFile:
         return np.ascontiguousarray(values), alpha
 
     def everything(self) -> tuple[list[str], list[str], NDArray[np.float32]]:
-        """Names and kinds of all channels, and their numbers, (H, W, channels).
+        """Names and kinds of all channels, and their numbers, (H, W, channels), as of read().
 
         Raises FormatError for a file of several parts.
         """
@@ -133,7 +145,12 @@ class PictureFile:
             for place, channel, kind in zip(layer.places, layer.channels, layer.kinds, strict=True)
         }
         names, kinds = zip(*(known[place] for place in sorted(known)), strict=True)
-        return list(names), list(kinds), self._pixels(0, 0, len(known))
+        pixels = self._pixels(0, 0, len(known))
+        if self._primaries[0] is not None:
+            for layer in self.layers.values():
+                if layer.is_linear_rgb:
+                    pixels[..., list(layer.places)] = self.read(layer)
+        return list(names), list(kinds), pixels
 
     def _add(self, spec: Any) -> None:
         """The layers of one part."""
