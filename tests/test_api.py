@@ -403,7 +403,7 @@ def test_a_scene_without_meaning(scene: object, told: str) -> None:
         ({"camera": "front"}, "camera: a Camera or a Framing is needed, not 'front'"),
         ({"camera": ph.Camera(eye=(1, 2))}, r"camera: eye is \(1, 2\); must be three numbers"),
         ({"camera": ph.Camera(eye=None)}, "camera: eye is None; must be three numbers"),
-        ({"camera": ph.Camera(up="xyz")}, "camera: up is 'x'; must be a number"),
+        ({"camera": ph.Camera(up="xyz")}, "camera: up is 'xyz'; must be three numbers"),
         ({"camera": ph.Camera(eye=(np.nan, 0, 0))}, "camera: eye is not finite"),
         ({"camera": ph.Camera(eye=(0, 0, 0))}, "camera: eye and target are the same point"),
         ({"camera": ph.Camera(up=(0, 0, 2))}, "camera: up is parallel"),

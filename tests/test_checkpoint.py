@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import parhelion as ph
-from parhelion import checkpoint
+from parhelion import checkpoint, cli
 from parhelion.renderer import prepare
 from picture_tools import read_picture
 
@@ -101,8 +101,11 @@ def test_only_checkpoints_are_replaced_and_only_by_what_goes_on(
     [
         ({"seed": 5}, "was begun with seed 0, not 5"),
         ({"width": 50}, "was begun with width 48, not 50"),
-        ({"max_depth": 3, "sampler": "independent"}, "max_depth 50, not 3; sampler sobol, not ind"),
-        ({"crop": (0, 0, 4, 4)}, "was begun with crop None, not [0, 0, 4, 4]"),
+        (
+            {"max_depth": 3, "sampler": "independent"},
+            "max_depth 50, not 3; with sampler sobol, not ind",
+        ),
+        ({"crop": (0, 0, 4, 4)}, "was begun without crop, not with 0,0,4,4"),
         ({"features": True}, "was begun with features False, not True"),
         ({"camera": ph.Camera(eye=(9, 9, 9))}, 'was begun with camera {"eye": ['),
     ],
@@ -115,9 +118,34 @@ def test_another_picture_is_refused(
     before = file.read_bytes()
     with pytest.raises(ph.SceneError) as caught:
         ph.render(spheres, checkpoint=file, resume=True, spp=2, **{**SIZE, **change})
-    assert str(caught.value).startswith(f"{file}: was begun with ")
+    assert str(caught.value).startswith(f"{file}: was begun with")
     assert said in str(caught.value)
     assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("begun", "now", "said"),
+    [
+        ("", "--features", "without --features, not with it"),
+        ("--features", "", "with --features, not without it"),
+        ("", "--no-roulette", "without --no-roulette, not with it"),
+        ("--no-roulette", "", "with --no-roulette, not without it"),
+        ("--crop 1,2,9,6", "", "with --crop 1,2,9,6, not without it"),
+        (
+            "--seed 3",
+            "--ao-distance 2",
+            "with --seed 3, not 0; without --ao-distance, not with 2.0",
+        ),
+    ],
+)
+def test_flags_are_told_as_they_are_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], begun: str, now: str, said: str
+) -> None:
+    words = ["render", "--width", "16", "--spp", "1", "-q", "-o", str(tmp_path / "a.exr")]
+    words += ["--checkpoint", "--resume"]
+    assert cli.main([*words, *begun.split()]) == 0
+    assert cli.main([*words, *now.split()]) == 2
+    assert f"a.exr.checkpoint: was begun {said}\n" in capsys.readouterr().err
 
 
 def test_another_scene_or_build_is_refused(

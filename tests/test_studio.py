@@ -195,7 +195,7 @@ def test_of_objects_meshes_stand_on_a_ground() -> None:
     for thing, stands in ((mesh, True), (BALL, False), (np.eye(3), False)):
         assert (ph.scene_of(thing).shapes[-1].name == "ground") == stands
     assert ph.scene_of(mesh, ground=False).shapes[-1].name == "key light"
-    with pytest.raises(ph.SceneError, match="ground is 'no'; must be True, False or None"):
+    with pytest.raises(ph.SceneError, match="ground is 'no'; must be True or False"):
         ph.scene_of(mesh, ground="no")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from . import arguments
 from .scene import Background, Camera, Material, Scene, Settings, Source, Spheres
 
 
@@ -24,7 +25,11 @@ def _uniform(count: int, columns: int, seed: int) -> np.ndarray:
 
 
 def weekend(seed: int = 1) -> Scene:
-    """The scene that `parhelion render` shows when given none."""
+    """The scene that `parhelion render` shows when given none.
+
+    seed: of its places and colours. Raises SceneError for one that is no whole number in 32 bits.
+    """
+    seed = arguments.whole("seed", seed, 0, 2**32 - 1)
     a, b = (g.ravel() for g in np.meshgrid(np.arange(-11, 11), np.arange(-11, 11), indexing="ij"))
     u = _uniform(a.size, 9, seed)
     centers = np.stack([a + 0.9 * u[:, 0], np.full(a.size, 0.2), b + 0.9 * u[:, 1]], axis=1)

@@ -124,13 +124,26 @@ def _check_identity(file: Path, header: Any, made_of: dict[str, Any]) -> None:
     ):
         if name in differing:
             raise SceneError(text.format(file=file, was=begun[name], now=made_of[name]))
-    told = (
-        f"{option(name)} {_told(begun[name])}, not {_told(made_of[name])}" for name in differing
-    )
-    raise SceneError(f"{file}: was begun with {'; '.join(told)}")
+    told = "; ".join(_difference(name, begun[name], made_of[name]) for name in differing)
+    raise SceneError(f"{file}: was begun {told}")
+
+
+def _difference(name: str, was: Any, now: Any) -> str:
+    """What the picture was begun with, and is not to go on with, as the user writes it."""
+    shown = option(name)
+    if shown.startswith("--") and isinstance(was, bool):  # a flag is there or not
+        given = was != shown.startswith("--no-")
+        return f"with {shown}, not without it" if given else f"without {shown}, not with it"
+    if was is None:
+        return f"without {shown}, not with {_told(now)}"
+    if now is None:
+        return f"with {shown} {_told(was)}, not without it"
+    return f"with {shown} {_told(was)}, not {_told(now)}"
 
 
 def _told(value: Any) -> str:
+    if isinstance(value, list):
+        return ",".join(map(str, value))
     return str(value) if not isinstance(value, dict) else json.dumps(value)
 
 

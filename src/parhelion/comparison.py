@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from . import arguments
 from .denoise import NOISY
 from .display import Display, srgb_encoded
 from .errors import SceneError, option
@@ -112,7 +113,8 @@ class Comparison:
 
     def side_by_side(self, scale: float = 5.0) -> NDArray[np.uint8]:
         """Both, `scale` times their difference around grey, and the FLIP map; sRGB, uint8."""
-        pair = side_by_side(self.picture, self.reference, self.exposure, scale)
+        factor = arguments.number("scale", scale)
+        pair = side_by_side(self.picture, self.reference, self.exposure, factor)
         gap = np.full((pair.shape[0], 2, 3), 255, np.uint8)
         return np.concatenate([pair, gap, flip_colors(self.flip_map)], axis=1)
 
@@ -120,6 +122,12 @@ class Comparison:
         """A page with numbers and pictures that needs no other file."""
         from .comparison_report import page
 
+        if (
+            not isinstance(names, (tuple, list))
+            or len(names) != 2
+            or not all(isinstance(name, str) for name in names)
+        ):
+            raise SceneError(f"names is {names!r}; must be two texts")
         return page(self, names)
 
 
@@ -164,6 +172,11 @@ def compare(
         seen_errors = flip(*(np.maximum(p, 0) for p in (a, b)), hdr=True)
     test = None
     if variances is not None:
+        if not isinstance(variances, (tuple, list)) or len(variances) != 2:
+            raise SceneError(
+                f"{option('variances')}: two arrays are needed, of the picture and the reference,"
+                f" not {type(variances).__name__}"
+            )
         va, vb = (_variance(v, a.shape) for v in variances)
         test = z_test(a, b, va, vb, both)
     elif a_variance is not None and b_variance is not None:
@@ -232,7 +245,12 @@ def _light(picture: Any) -> tuple[NDArray[np.float32], bool, NDArray[np.float32]
 
 def _variance(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Of every pixel and channel. Raises SceneError for an array that is none."""
-    array = np.asarray(values, np.float64)
+    try:
+        array = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise SceneError(
+            f"{option('variances')}: numbers are needed, not {type(values).__name__}"
+        ) from None
     if array.shape == shape[:2]:
         array = array[..., None]
     if array.ndim != 3 or array.shape[:2] != shape[:2] or array.shape[2] not in (1, shape[2]):

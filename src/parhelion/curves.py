@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from . import arguments
 from .errors import SceneError, unknown_name
 from .scene import Curves
 
@@ -39,12 +40,13 @@ def bezier_segments(curves: Curves, points: Any, radii: Any, where: str) -> tupl
         if not sound.all():
             at = int(np.argmin(sound))
             raise SceneError(f"{where}: {name}[{at}] is {values[at]}; must {must}")
-    if curves.basis not in _BASES:
+    if not isinstance(curves.basis, str) or curves.basis not in _BASES:
         raise SceneError(f"{where}: {unknown_name('basis', curves.basis, _BASES)}")
     if curves.style not in ("round", "flat"):
         raise SceneError(f"{where}: {unknown_name('style', curves.style, ('round', 'flat'))}")
     order, step, matrix = _BASES[curves.basis]
-    counts = np.array([len(points)] if curves.counts is None else curves.counts)
+    given = [len(points)] if curves.counts is None else curves.counts
+    counts = arguments.array(f"{where}: counts", given)
     if counts.ndim != 1 or counts.dtype.kind not in "iu" or counts.sum() != len(points):
         raise SceneError(
             f"{where}: counts must be (S,) whole numbers whose sum is that of the points,"

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from functools import cache
-from threading import Lock
-from typing import TYPE_CHECKING, Any
+from threading import Lock, Thread
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from . import machine, memory
+from . import arguments, machine, memory
 from .errors import ResourceError, SceneError, unknown_name
 
 if TYPE_CHECKING:
@@ -31,6 +33,16 @@ _PREFILTER = "fast"
 # Bytes that it takes for a pixel, measured with guides, and what helps where there are fewer
 _PIXEL_BYTES = 860
 _SMALLER = "a smaller picture takes less"
+
+# Edge in pixels of a picture that tells how fast it is, and seconds between two looks at signals
+_TRIAL, _TICK = 192, 0.05
+
+# Called with the share that is done; what it returns, if true, ends the work
+ProgressCallback: TypeAlias = Callable[[float], Any]
+
+# The function of Open Image Denoise that has others watch, and cancel, a filter
+_WATCH = """void oidnSetFilterProgressMonitorFunction(
+    OIDNFilter filter, OIDNProgressMonitorFunction function, void *user);"""
 
 # What a picture's own noisy light is called among its features
 NOISY = "noisy"
@@ -54,13 +66,16 @@ def denoised(
     *,
     quality: str = "high",
     prefilter: bool = True,
+    progress: ProgressCallback | None = None,
 ) -> NDArray[np.float32]:
     """Linear light, (H, W, 3), without its noise.
 
     albedo, normal: of the first surfaces, (H, W, 3), 0 where there is none, in [0, 1] and [-1, 1];
     they keep edges and textures sharp. A normal needs an albedo too. prefilter: their own noise is
     taken out first, which takes as long again for each; without it, what they have stays in the
-    picture. quality: "high", "balanced" or "fast".
+    picture. quality: "high", "balanced" or "fast". progress: a function that is called with the
+    share that is done, 0 to 1, some times a second; what it returns, if true, ends the work at once
+    with Stopped, as Ctrl-C does with KeyboardInterrupt; the processor is free somewhat later.
 
     What is not finite, or below 0, counts as black; finite() tells how much there is. What is
     needed between calls is kept for the next picture of the same size. Raises ResourceError without
@@ -68,6 +83,9 @@ def denoised(
     """
     if quality not in QUALITIES:
         raise SceneError(unknown_name("quality", quality, QUALITIES))
+    arguments.flag("prefilter", prefilter)
+    if progress is not None and not callable(progress):
+        raise SceneError(f"progress is {progress!r}; must be a function or None")
     if normal is not None and albedo is None:
         raise SceneError("denoise: a normal needs an albedo too")
     shape = np.shape(light)
@@ -83,7 +101,20 @@ def denoised(
     )
     worker = _worker(os.getpid())
     with worker.lock:
-        return worker.run(light, guides, quality, prefilter)
+        return worker.waited(lambda: worker.run(light, guides, quality, prefilter), progress)
+
+
+def seconds_for(pixels: int) -> float:
+    """Seconds that denoised(), with guides and as it is left, will take for so many pixels.
+
+    By a small picture that is denoised for that, so that it tells of this machine and of what else
+    it does. Raises as denoised() does.
+    """
+    guide = np.full((_TRIAL, _TRIAL, 3), 0.5, np.float32)
+    denoised(guide[:1, :1], guide[:1, :1], guide[:1, :1])  # loads the networks
+    start = time.perf_counter()
+    denoised(guide, guide, guide)
+    return (time.perf_counter() - start) * max(1.0, pixels / _TRIAL**2)
 
 
 def finite(light: NDArray[Any]) -> tuple[NDArray[Any], int]:
@@ -127,14 +158,25 @@ def version() -> str:
     return f"Open Image Denoise (pyoidn {of('pyoidn')})"
 
 
+class Stopped(Exception):
+    """Whoever was told of the progress has asked to end it."""
+
+
 class _Worker:
     """A device, and filters with their pictures, which are kept for the next run."""
 
     def __init__(self) -> None:
         import pyoidn
+        from pyoidn import capi
 
         self.lock = Lock()
+        self._thread: Thread | None = None
         self._oidn = pyoidn
+        self._share, self._runs, self._stop = 0.0, (0, 1), False
+        capi.oidn_ffi.cdef(_WATCH, override=True)  # pyoidn leaves it out
+        self._watch = capi.oidn_Capi.oidnSetFilterProgressMonitorFunction
+        self._nobody = capi.oidn_ffi.NULL
+        self._watcher = capi.oidn_ffi.callback("bool(void *, double)", self._goes_on)
         self._device = pyoidn.Device()
         # threads that stay on one core each would keep a render's away from there
         self._device.set_bool("setAffinity", False)
@@ -143,6 +185,36 @@ class _Worker:
         self._check()
         self._filters: dict[tuple[str, ...], Any] = {}
         self._pictures: dict[str, NDArray[np.float32]] = {}
+
+    def waited(
+        self, run: Callable[[], NDArray[np.float32]], progress: ProgressCallback | None
+    ) -> NDArray[np.float32]:
+        """What run() returns in a thread of its own, while this one tells of it and hears signals.
+
+        Ended early, it does not wait for the library, which looks up ten times in a picture's time.
+        """
+        if self._thread is not None:
+            self._thread.join()
+        self._share, self._stop = 0.0, False
+        done: Future[NDArray[np.float32]] = Future()
+
+        def work() -> None:
+            try:
+                done.set_result(run())
+            except BaseException as error:
+                done.set_exception(error)
+
+        self._thread = Thread(target=work, name="denoising")
+        try:
+            self._thread.start()
+            while not done.done():
+                if progress is not None and progress(self._share):
+                    raise Stopped
+                self._thread.join(_TICK)
+        except BaseException:
+            self._stop = True
+            raise
+        return done.result()
 
     def run(
         self,
@@ -159,15 +231,23 @@ class _Worker:
         np.maximum(self._pictures["color"], 0, out=self._pictures["color"])
         self._picture("output", light.shape)
         try:
-            if prefilter:
-                for name in given.keys() - {"color"}:
-                    self._execute((name,), name, _PREFILTER, {})
+            cleaned = sorted(given.keys() - {"color"}) if prefilter else []
+            for done, name in enumerate(cleaned):
+                self._runs = done, len(cleaned) + 1
+                self._execute((name,), name, _PREFILTER, {})
+            self._runs = len(cleaned), len(cleaned) + 1
             numbers = {"hdr": True, "cleanAux": prefilter and len(given) > 1}
             self._execute(tuple(given), "output", quality, numbers)
-        except ResourceError:
+        except (ResourceError, Stopped):
             self._forget()
             raise
         return np.array(self._pictures["output"])
+
+    def _goes_on(self, _: Any, share: float) -> bool:
+        """What the library calls with the share of one run of a filter."""
+        before, count = self._runs
+        self._share = (before + share) / count
+        return not self._stop
 
     def _picture(self, name: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
         if name not in self._pictures:
@@ -183,6 +263,7 @@ class _Worker:
             self._filters[names] = made
             for name in names:
                 made.set_image(name, self._pictures[name], self._oidn.OIDN_FORMAT_FLOAT3)
+            self._watch(made._filter, self._watcher, self._nobody)
             made.set_image("output", self._pictures[output], self._oidn.OIDN_FORMAT_FLOAT3)
         for name, value in numbers.items():
             made.set_bool(name, value)
@@ -190,6 +271,9 @@ class _Worker:
         made.commit()
         self._check()
         made.execute()
+        if self._stop:
+            self._device.get_error()  # that it was cancelled
+            raise Stopped
         self._check()
 
     def _forget(self) -> None:

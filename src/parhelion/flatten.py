@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import tables
+from . import arguments, tables
 from .errors import SceneError, unknown_name
 from .machine import cores_available
 from .memory import require
@@ -28,6 +28,7 @@ from .scene import (
     Material,
     Mesh,
     Scene,
+    Source,
     Spheres,
     Texture,
 )
@@ -105,8 +106,9 @@ class Flat:
 
 def flatten(scene: Scene) -> Flat:
     """Raises SceneError for arrays that do not fit together and for unknown names."""
-    if not isinstance(scene, Scene):
-        raise SceneError(f"a Scene is needed, not {type(scene).__name__}")
+    arguments.instance("scene", scene, Scene)
+    if scene.source is not None:
+        arguments.instance("source", scene.source, Source)
     if not isinstance(scene.materials, Mapping):
         raise SceneError(f"materials: a dict is needed, not {type(scene.materials).__name__}")
     for what, values in (("shapes", scene.shapes), ("lights", scene.lights)):
@@ -291,7 +293,9 @@ class _Parts:
             record["bindings"] = self.bindings(entry, params, where)
             uses_uv = bool(record["bindings"]) or bool(params.get("anisotropy"))
         emission = common.get("emission", (0.0, 0.0, 0.0))
-        both = _flag(common.get("two_sided_emission", False), f"{where}: two_sided_emission")
+        both = arguments.flag(
+            f"{where}: two_sided_emission", common.get("two_sided_emission", False)
+        )
         if m.type == "emissive" and record["bindings"]:
             # light that varies over a surface is of one kind, whatever the material
             if np.any(emission) or isinstance(emission, Texture):
@@ -332,7 +336,7 @@ class _Parts:
         if back is not None:
             record["back"] = self.material_index(back, f"{where}: back")
             uses_uv = uses_uv or bool(self.materials[record["back"]].get("uses_uv", True))
-        elif _flag(common.get("two_sided", True), f"{where}: two_sided") or transmits:
+        elif arguments.flag(f"{where}: two_sided", common.get("two_sided", True)) or transmits:
             record["back"] = own
         else:
             record["back"] = NONE
@@ -406,7 +410,7 @@ class _Parts:
             raise SceneError(f"{where}: a Texture is needed, not {texture!r}")
         _refuse_deep(texture, where)
         channel = texture.params.get("channel", "rgb")
-        if channel not in _CHANNELS:
+        if not isinstance(channel, str) or channel not in _CHANNELS:
             raise SceneError(f"{where}: texture: {unknown_name('channel', channel, _CHANNELS)}")
         data = data or size == 1
         return {
@@ -517,8 +521,11 @@ class _Parts:
                 self._encoded.append(lambda: picture_bytes(image, where))
 
             def record() -> dict[str, Any]:
-                pixels = read_pixels(image, where) if is_encoded(image) else np.asarray(image)
-                pixels = _pixels(pixels, f"{where}: image")
+                what = f"{where}: image"
+                stored = (
+                    read_pixels(image, where) if is_encoded(image) else arguments.array(what, image)
+                )
+                pixels = _pixels(stored, what)
                 if radiance and pixels.dtype == np.float32 and np.any(pixels < 0):
                     pixels = np.maximum(pixels, np.float32(0))  # as of filters that overshoot
                 srgb = color_space == "srgb" or (
@@ -601,7 +608,8 @@ class _Parts:
         where = f"shape {name!r}"
         record: dict[str, Any] = makers[type(shape)](shape, where)
         record["name"] = name
-        record["inside_out"] = _flag(getattr(shape, "inside_out", False), where)
+        inside_out = getattr(shape, "inside_out", False)
+        record["inside_out"] = arguments.flag(f"{where}: inside_out", inside_out)
         count = record["count"]
         if shape.colors is not None:
             record["colors"] = _colors(shape.colors, count, where)
@@ -610,6 +618,9 @@ class _Parts:
             record["material"] = self.material_index(shape.material, where)
         else:
             record["material_of"] = _indices(shape.material, count, self.named, where)
+        if isinstance(shape, Mesh) and not isinstance(shape.attributes, Mapping):
+            kind = type(shape.attributes).__name__
+            raise SceneError(f"{where}: attributes: a dict is needed, not {kind}")
         if isinstance(shape, Mesh) and shape.attributes:
             record["attributes"] = [
                 self._attribute(key, values, count, len(record["vertices"]), where)
@@ -654,6 +665,9 @@ class _Parts:
         if transforms.shape[1] == 4 and not np.allclose(transforms[:, 3], (0, 0, 0, 1)):
             raise SceneError(f"{where}: transforms must be affine, with a last row 0 0 0 1")
         if id(shape.shapes) not in self._groups_made:  # Instances may share a group
+            if not isinstance(shape.shapes, Sequence):
+                kind = type(shape.shapes).__name__
+                raise SceneError(f"{where}: shapes: a list is needed, not {kind}")
             shapes: list[dict[str, Any]] = []
             for part in shape.shapes:
                 if isinstance(part, Instances):
@@ -707,7 +721,7 @@ def _spheres(shape: Spheres, where: str) -> dict[str, Any]:
 
 def _mesh(shape: Mesh, where: str) -> dict[str, Any]:
     vertices = _points(shape.vertices, f"{where}: vertices")
-    faces = np.asarray(shape.faces)
+    faces = arguments.array(f"{where}: faces", shape.faces)
     if faces.size == 0:
         faces = faces.reshape(0, 3).astype(np.uint32)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
@@ -794,6 +808,7 @@ def _curves(shape: Curves, where: str) -> dict[str, Any]:
     from .curves import bezier_segments
 
     points = _points(shape.points, f"{where}: points")
+    arguments.flag(f"{where}: capped", shape.capped)
     radii = np.broadcast_to(_radii(shape.radii, len(points), "point", where), len(points))
     controls, widths, along, flags = bezier_segments(shape, points, radii, where)
     return {
@@ -884,12 +899,6 @@ def _color(value: Any, where: str) -> tuple[float, float, float]:
     return floats[0], floats[1], floats[2]
 
 
-def _flag(value: Any, where: str) -> bool:
-    if not isinstance(value, (bool, np.bool_)):
-        raise SceneError(f"{where}: {value!r} must be True or False")
-    return bool(value)
-
-
 def _floats(values: Any, what: str) -> Any:
     """A C-contiguous array of float32 or float64."""
     if np.ma.is_masked(values):
@@ -910,7 +919,7 @@ def _floats(values: Any, what: str) -> Any:
 
 def _indices(values: Any, count: int, names: dict[str, int], where: str) -> Any:
     """Indices of materials from indices or from names, one a primitive."""
-    array = np.asarray(values)
+    array = arguments.array(f"{where}: material", values)
     known = len(names)
     if array.dtype.kind == "U" and array.ndim == 1:
         used, first, inverse = np.unique(array, return_index=True, return_inverse=True)

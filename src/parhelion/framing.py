@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 from math import isfinite, radians, sqrt, tan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import arguments
 from .errors import SceneError
 from .scene import (
     Camera,
@@ -46,10 +47,17 @@ def placed(scene: Scene, aspect: float) -> Camera:
     framing = Framing() if scene.camera is None else scene.camera
     if not isinstance(framing, Framing):
         raise SceneError(f"camera: a Camera or a Framing is needed, not {framing!r}")
+    for name in ("vfov", "fill"):
+        arguments.number(f"camera: {name}", getattr(framing, name))
     if not 0 < framing.vfov < 180:
         raise SceneError(f"camera: vfov is {framing.vfov}; must lie between 0 and 180 degrees")
     if not 0 < framing.fill <= 1:
         raise SceneError(f"camera: fill is {framing.fill}; must lie in (0, 1]")
+    if isinstance(framing.shapes, str) or not isinstance(framing.shapes, Sequence):
+        raise SceneError(
+            "camera: shapes: a list of names or shapes is needed, not"
+            f" {type(framing.shapes).__name__}"
+        )
     right, up, towards = _axes(framing)
     low, high = bounds(scene)
     if not np.all(np.isfinite(high - low)):  # nothing to see, or an error that the core will name
@@ -178,7 +186,8 @@ def reach(scene: Scene) -> tuple[Array, float]:
 
 def _axes(framing: Framing) -> tuple[Array, Array, Array]:
     """Unit vectors to the right and up in the picture, and towards the camera."""
-    towards, up = np.array(framing.direction, np.float64), np.array(framing.up, np.float64)
+    towards = np.array(arguments.point("camera: direction", framing.direction))
+    up = np.array(arguments.point("camera: up", framing.up))
     right = np.cross(up, towards)
     size = float(np.linalg.norm(right))
     if not isfinite(size) or size == 0:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from . import cryptomatte
+from . import arguments, cryptomatte
 from .atomic import is_special, replacing
 from .display import Display, WhiteBalance, to_rec709
 from .errors import FormatError, ResourceError, SceneError, option, unknown_name
@@ -177,20 +177,30 @@ class Image:
         white_balance: what shall be white, kelvin or CIE (x, y). See display.Display.
         """
         shown = Display(view_transform, exposure, white_balance)
+        if bits not in (8, 16):
+            raise SceneError(f"{option('bits')} is {bits!r}; must be 8 or 16")
         stored = shown.encode(self.pixels, bits)
-        if not legend:
+        if not arguments.flag("legend", legend):
             return stored
         from .legend import panel
 
         beside = panel(checked_legend(self.legend), len(stored)).astype(stored.dtype)
         return np.concatenate([stored, beside * (1 if bits == 8 else 257)], axis=1)
 
-    def denoised(self, quality: str = "high", prefilter: bool = True) -> Image:
+    def denoised(
+        self,
+        quality: str = "high",
+        prefilter: bool = True,
+        *,
+        progress: Callable[[float], Any] | None = None,
+    ) -> Image:
         """The picture without its noise, by Open Image Denoise; noisy pixels are kept as a feature.
 
         The features albedo, shading_normal and coverage, if it was rendered with them, keep edges
         and textures sharp. quality: "high", "balanced" or "fast". prefilter: noise of the features
         is taken out first. Pixels that are not finite are counted, told of, and taken for black.
+        progress: a function that is called with the share that is done, 0 to 1, some times a
+        second; if it returns something true, the work ends, and the picture is returned as it is.
         Raises ResourceError without the extra `denoise`.
         """
         from . import denoise
@@ -198,7 +208,12 @@ class Image:
         noisy = self.features.get(denoise.NOISY, self.pixels)
         albedo, normal = denoise.guides_of(self.features)
         clean = denoise.told(noisy, "picture")
-        pixels = denoise.denoised(clean, albedo, normal, quality=quality, prefilter=prefilter)
+        try:
+            pixels = denoise.denoised(
+                clean, albedo, normal, quality=quality, prefilter=prefilter, progress=progress
+            )
+        except denoise.Stopped:
+            return self
         return replace(self, pixels=pixels, features={**self.features, denoise.NOISY: noisy})
 
     def matte(
@@ -298,7 +313,7 @@ class Image:
         Raises SceneError for an unknown ending or number of bits, and a legend where there is none,
         ResourceError where the file cannot be written.
         """
-        file = Path(path)
+        file = arguments.path("path", path)
         shown = Display(view_transform, exposure, white_balance)
         ending = file.suffix.lower()
         ids = ending == ".exr" and not _IDS.isdisjoint(self.features)
@@ -360,6 +375,22 @@ def checked_legend(legend: ColorBar | Swatches | None) -> ColorBar | Swatches:
             "there is no legend: the scene's colours stand for nothing; particles and meshes may be"
             f" coloured by a field ({option('color_by')})"
         )
+    if not isinstance(legend, (ColorBar, Swatches)):
+        kind = type(legend).__name__
+        raise SceneError(f"legend: a ColorBar or Swatches are needed, not {kind}")
+    arguments.text("legend: label", legend.label)
+    if isinstance(legend, ColorBar):
+        arguments.text("legend: colormap", legend.colormap)
+        for name in ("low", "high"):
+            arguments.number(f"legend: {name}", getattr(legend, name))
+        return legend
+    if not isinstance(legend.kinds, (tuple, list)):
+        raise SceneError(f"legend: kinds is {legend.kinds!r}; must be a list of names and colours")
+    for i, kind in enumerate(legend.kinds):
+        if not isinstance(kind, (tuple, list)) or len(kind) != 2:
+            raise SceneError(f"legend: kinds[{i}] is {kind!r}; must be a name and a colour")
+        arguments.text(f"legend: kinds[{i}][0]", kind[0])
+        arguments.color(f"legend: kinds[{i}][1]", kind[1])
     return legend
 
 
@@ -566,7 +597,8 @@ def check_output(
     tiled: bool = False,
 ) -> None:
     """Raises what save() would for a name that cannot be written, before the work is done."""
-    file = Path(path)
+    file = arguments.path("path", path)
+    legend, tiled = arguments.flag("legend", legend), arguments.flag("tiled", tiled)
     ending = file.suffix.lower()
     if ending not in WRITABLE:
         raise SceneError(f"{file}: {unknown_name('picture ending', ending, WRITABLE)}")

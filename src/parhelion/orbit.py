@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import arguments
 from .errors import SceneError
 from .framing import placed, reach, subject
 from .renderer import Prepared, merged, prepare, render
@@ -57,8 +58,13 @@ def turntable(
 
     Raises SceneError for a count, a scene or options without meaning.
     """
-    if places is not None and not places:
-        return iter(())
+    if places is not None:
+        number = checked_count(count)
+        if isinstance(places, str) or not isinstance(places, Sequence):
+            raise SceneError(f"places is {places!r}; must be a list of whole numbers")
+        places = [arguments.whole("places", place, 0, number - 1) for place in places]
+        if not places:
+            return iter(())
     limit = options.get("memory_limit")
     prepared = scene if isinstance(scene, Prepared) else prepare(scene, memory_limit=limit)
     shown = prepared.scene if camera is None else prepared.scene.replace(camera=camera)
@@ -92,11 +98,11 @@ def turns(scene: Scene, count: int, aspect: float, up: Vec3 | None = None) -> li
     them whole from all around.
     """
     number = checked_count(count)
-    axis = np.array(up_of(scene) if up is None else up, np.float64)
-    if axis.shape != (3,) or not np.all(np.isfinite(axis)) or not np.any(axis):
+    first = placed(scene, aspect)
+    axis = np.array(up_of(scene) if up is None else arguments.point("up", up), np.float64)
+    if not np.all(np.isfinite(axis)) or not np.any(axis):
         raise SceneError(f"up is {up!r}; must be three finite numbers, not all 0")
     axis /= np.linalg.norm(axis)
-    first = placed(scene, aspect)
     if isinstance(scene.camera, Camera):
         pivot = _ahead(scene, first, axis)
     else:

@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import arguments
 from .denoise import without_guides
 from .display import told_display
 from .errors import FormatError, SceneError
 from .image import COMPRESSIONS, COUNTS, HIDDEN, Image, unpacked_counts
 from .layers import PictureFile
+from .progress import Progress
 from .renderer import build, prepare, render
 from .scene import Camera, Scene, Settings, Source
 
@@ -62,26 +64,27 @@ class Record:
                 f"{self.path}: does not say where its scene is, which was made in Python or is one"
                 " of a sequence; give the scene"
             )
+        source = self.source
         try:
-            options = _tuples(self.source.options)
-            if self.source.path is None:
+            options = _tuples(source.options)
+            if source.path is None:
                 return weekend(**options)
             read_as = LoadOptions(**options)
-        except TypeError as error:
+        except (TypeError, ValueError) as error:
             raise FormatError(f"{self.path}: tells of options that there are not") from error
-        return load(self.source.path, read_as)
+        return load(source.path, read_as)
 
 
 def record(path: str | os.PathLike[str]) -> Record:
     """What a picture file tells. Raises FormatError for one that is none or tells too little."""
-    file = PictureFile(path)
+    file = PictureFile(arguments.path("path", path))
     told = {key: str(value) for key, value in file.metadata.items()}
     try:
         if "parhelion:settings" not in told:  # JPEG has a description alone
             told = json.loads(told["ImageDescription"])
         settings = Settings(**_tuples(json.loads(told["parhelion:settings"])))
         camera = Camera(**_tuples(json.loads(told["parhelion:camera"])))
-        width, height = (settings.crop or (0, 0, settings.width, settings.height))[2:]
+        width, height = settings.size
         counts: Any = int(told["parhelion:samples"]) // (width * height)
         if COUNTS in told:
             if not told[COUNTS]:
@@ -160,22 +163,28 @@ def remade(
         )
     if made.build != _core.sources:
         log.warning("%s: was made by another build of Parhelion; bits may differ", made.path)
-    s = made.settings
-    size = (s.crop or (0, 0, s.width, s.height))[:1:-1]
+    width, height = made.settings.size
     image = render(
         prepared,
         camera=made.camera,
         threads=threads,
         progress=progress,
         features=made.features or made.denoised,
-        counts=np.broadcast_to(np.asarray(made.counts, np.uint32), size),
-        **vars(s),
+        counts=np.broadcast_to(np.asarray(made.counts, np.uint32), (height, width)),
+        **vars(made.settings),
     )
     if made.denoised and image.stats.complete:
-        image = image.denoised()
+        told = callable(progress) and (lambda _: progress(_whole(image)))
+        image = image.denoised(progress=told or None)
     if not made.features:
         image = replace(image, features=without_guides(image.features))
     return image
+
+
+def _whole(image: Image) -> Progress:
+    """The progress of a picture that is rendered."""
+    stats = image.stats
+    return Progress(stats.samples, stats.samples, stats.rays, stats.seconds, stats.error)
 
 
 def _tuples(values: Any) -> dict[str, Any]:

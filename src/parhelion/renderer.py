@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import logging
-import operator
 import os
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import arguments, cryptomatte, machine, memory, tables
 from . import checkpoint as checkpoints
-from . import cryptomatte, machine, memory, tables
 from .errors import ResourceError, SceneError, option, unknown_name
 from .flatten import Flat, flatten
 from .framing import placed
@@ -28,7 +26,7 @@ from .progressive import (
     block_errors,
     picture_error,
 )
-from .scene import Camera, Framing, Scene, Settings, Vec3
+from .scene import Camera, Framing, Scene, Settings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -170,21 +168,17 @@ def render(
     work = _work(threads, tile, schedule, isa)
     if tree not in TREES:
         raise SceneError(unknown_name("tree", tree, TREES))
-    features, resume = _flag("features", features), _flag("resume", resume)
+    features, resume = arguments.flag("features", features), arguments.flag("resume", resume)
     if progress is not None and not isinstance(progress, bool) and not callable(progress):
         raise SceneError(f"progress is {progress!r}; must be a function, True or None")
-    seconds = _length("time_limit", time_limit)
-    interval = _length("checkpoint_every", checkpoint_every)
+    seconds = arguments.length("time_limit", time_limit)
+    interval = arguments.length("checkpoint_every", checkpoint_every)
     if interval is None:
         raise SceneError(f"{option('checkpoint_every')} must be a number of seconds")
     if resume and checkpoint is None:
         raise SceneError(f"{option('resume')} needs {option('checkpoint')}")
     if checkpoint is not None:
-        try:
-            check_place(Path(checkpoint))
-        except TypeError:
-            kind = type(checkpoint).__name__
-            raise SceneError(f"{option('checkpoint')}: a path is needed, not {kind}") from None
+        check_place(arguments.path("checkpoint", checkpoint))
     view = make_view(prepared, view_camera, wanted, tree=tree == "bvh")
     x, y, width, height = wanted.crop or (0, 0, wanted.width, wanted.height)
     wanted_counts = None if counts is None else _counts(counts, height, width, checkpoint)
@@ -251,8 +245,7 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
     for name in changes:
         if name not in names:
             raise SceneError(unknown_name("setting", name, names))
-    if not isinstance(base, Settings):
-        raise SceneError(f"settings: Settings are needed, not {type(base).__name__}")
+    arguments.instance("settings", base, Settings)
     changes = {name: value for name, value in changes.items() if value is not None}
     if ("width" in changes) != ("height" in changes):
         width, height = _side("width", base.width), _side("height", base.height)
@@ -267,23 +260,23 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
         s,
         width=_side("width", s.width),
         height=_side("height", s.height),
-        spp=_whole("spp", s.spp, 1, 2**31),
-        max_depth=_whole("max_depth", s.max_depth, 1, 2**20),
-        seed=_whole("seed", s.seed, 0, 2**64 - 1),
+        spp=arguments.whole("spp", s.spp, 1, 2**31),
+        max_depth=arguments.whole("max_depth", s.max_depth, 1, 2**20),
+        seed=arguments.whole("seed", s.seed, 0, 2**64 - 1),
         sampler=tables.entry("samplers", s.sampler).name,
         filter=tables.entry("filters", s.filter).name,
-        filter_radius=_length("filter_radius", s.filter_radius),
-        roulette=_flag("roulette", s.roulette),
-        ao_distance=_length("ao_distance", s.ao_distance),
-        backdrop=None if s.backdrop is None else _color("backdrop", s.backdrop),
-        noise=_length("noise", s.noise),
-        clamp_indirect=_length("clamp_indirect", s.clamp_indirect),
+        filter_radius=arguments.length("filter_radius", s.filter_radius),
+        roulette=arguments.flag("roulette", s.roulette),
+        ao_distance=arguments.length("ao_distance", s.ao_distance),
+        backdrop=None if s.backdrop is None else arguments.color("backdrop", s.backdrop),
+        noise=arguments.length("noise", s.noise),
+        clamp_indirect=arguments.length("clamp_indirect", s.clamp_indirect),
     )
     if s.integrator not in INTEGRATORS:
         raise SceneError(unknown_name("integrator", s.integrator, INTEGRATORS))
     if s.crop is not None:
         try:
-            x, y, w, h = (_whole("crop", v, 0, LARGEST_SIDE) for v in s.crop)
+            x, y, w, h = (arguments.whole("crop", v, 0, LARGEST_SIDE) for v in s.crop)
         except (TypeError, ValueError) as error:
             if isinstance(error, SceneError):
                 raise
@@ -347,24 +340,23 @@ def plain_camera(camera: Any) -> Camera:
 
     Raises SceneError for what are no numbers.
     """
-    if not isinstance(camera, Camera):
-        raise SceneError(f"camera: a Camera is needed, not {type(camera).__name__}")
+    arguments.instance("camera", camera, Camera)
     fov, vfov = (
-        None if angle is None else _number(f"camera: {name}", angle)
+        None if angle is None else arguments.number(f"camera: {name}", angle)
         for name, angle in (("fov", camera.fov), ("vfov", camera.vfov))
     )
     return Camera(
-        eye=_point("camera: eye", camera.eye),
-        target=_point("camera: target", camera.target),
-        up=_point("camera: up", camera.up),
+        eye=arguments.point("camera: eye", camera.eye),
+        target=arguments.point("camera: target", camera.target),
+        up=arguments.point("camera: up", camera.up),
         fov=fov,
         vfov=vfov,
-        aperture_radius=_number("camera: aperture_radius", camera.aperture_radius),
-        focus_distance=_length("camera: focus_distance", camera.focus_distance),
-        projection=camera.projection,
-        height=_length("camera: height", camera.height),
-        shift=_pair("camera: shift", camera.shift),
-        mirrored=_flag("camera: mirrored", camera.mirrored),
+        aperture_radius=arguments.number("camera: aperture_radius", camera.aperture_radius),
+        focus_distance=arguments.length("camera: focus_distance", camera.focus_distance),
+        projection=arguments.text("camera: projection", camera.projection),
+        height=arguments.length("camera: height", camera.height),
+        shift=arguments.pair("camera: shift", camera.shift),
+        mirrored=arguments.flag("camera: mirrored", camera.mirrored),
     )
 
 
@@ -386,8 +378,8 @@ def _work(threads: Any, tile: Any, schedule: str, isa: str) -> Work:
         if name not in choices:
             raise SceneError(unknown_name(what, name, filter(None, choices)))
     return Work(
-        threads=_whole("threads", threads, 0, 4096) or machine.cores_available(),
-        tile=_whole("tile", tile, 1, LARGEST_SIDE),
+        threads=arguments.whole("threads", threads, 0, 4096) or machine.cores_available(),
+        tile=arguments.whole("tile", tile, 1, LARGEST_SIDE),
         schedule=schedule,
         isa=isa,
     )
@@ -496,71 +488,5 @@ def _report_bad(prepared: Prepared, view: Any, settings: Settings, counts: Any, 
     )
 
 
-def _whole(name: str, value: Any, low: int, high: int) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError as error:
-        raise SceneError(f"{option(name)} is {value!r}; must be a whole number") from error
-    if not low <= number <= high:
-        raise SceneError(f"{option(name)} is {number}; must lie in [{low}, {high}]")
-    return number
-
-
 def _side(name: str, value: Any) -> int:
-    return _whole(name, value, 1, LARGEST_SIDE)
-
-
-def _number(name: str, value: Any) -> float:
-    try:
-        if not isinstance(value, (str, bytes)):
-            return float(value)
-    except (TypeError, ValueError, OverflowError):
-        pass
-    raise SceneError(f"{option(name)} is {value!r}; must be a number")
-
-
-def _flag(name: str, value: Any) -> bool:
-    if not isinstance(value, (bool, np.bool_)):
-        raise SceneError(f"{option(name)} is {value!r}; must be True or False")
-    return bool(value)
-
-
-def _color(name: str, value: Any) -> Vec3:
-    """Three numbers, finite and not negative."""
-    try:
-        color = tuple(float(c) for c in value)
-    except (TypeError, ValueError):
-        color = ()
-    if len(color) != 3 or not all(0 <= c <= tables.LARGEST for c in color):
-        raise SceneError(f"{option(name)} is {value!r}; must be three numbers >= 0, linear RGB")
-    return color[0], color[1], color[2]
-
-
-def _length(name: str, value: Any) -> float | None:
-    """A number above 0, or None."""
-    if value is None:
-        return None
-    number = _number(name, value)
-    if not number > 0:
-        raise SceneError(f"{option(name)} is {number}; must be > 0")
-    return number
-
-
-def _pair(name: str, value: Any) -> tuple[float, float]:
-    try:
-        x, y = (_number(name, v) for v in value)
-    except (TypeError, ValueError) as error:
-        if isinstance(error, SceneError):
-            raise
-        raise SceneError(f"{option(name)} is {value!r}; must be two numbers") from error
-    return x, y
-
-
-def _point(name: str, value: Any) -> Vec3:
-    try:
-        x, y, z = (_number(name, v) for v in value)
-    except (TypeError, ValueError) as error:
-        if isinstance(error, SceneError):
-            raise
-        raise SceneError(f"{option(name)} is {value!r}; must be three numbers") from error
-    return x, y, z
+    return arguments.whole(name, value, 1, LARGEST_SIDE)

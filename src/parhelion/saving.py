@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from . import arguments
 from .errors import FormatError, ResourceError, SceneError, unknown_name
 from .flatten import Flat, flatten
 from .io.files import Reports
@@ -40,11 +41,10 @@ def save(scene: Scene, path: str | os.PathLike[str], *, strict: bool = False) ->
     for a scene that cannot be rendered or written, FormatError for an ending that is not written,
     and ResourceError for what the system refuses.
     """
-    try:
-        file = Path(path)
-    except TypeError:
-        raise SceneError(f"a path is needed, not {type(path).__name__}") from None
+    file = arguments.path("path", path)
     ending = check_writable(file)
+    arguments.instance("scene", scene, Scene)
+    arguments.flag("strict", strict)
     try:
         if is_bare(ending):  # when it is read again it gets a light again
             scene = without_light(scene)

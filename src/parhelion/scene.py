@@ -98,8 +98,10 @@ class _Entry:
         shown = "".join(f", {k}={short.get(k) or repr(v)}" for k, v in self.params.items())
         return f"{type(self).__name__}({self.type!r}{shown})"
 
-    def _key(self) -> tuple[str, tuple[tuple[str, object], ...]]:
-        return self.type, tuple(sorted((k, _comparable(v)) for k, v in self.params.items()))
+    def _key(self) -> tuple[object, tuple[tuple[str, object], ...]]:
+        return _comparable(self.type), tuple(
+            sorted((k, _comparable(v)) for k, v in self.params.items())
+        )
 
     def __eq__(self, other: object) -> bool:
         if self is other:
@@ -351,6 +353,11 @@ class Settings:
     backdrop: Vec3 | None = None
     noise: float | None = None
     clamp_indirect: float | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of what is rendered: of the crop, if there is one."""
+        return self.crop[2:] if self.crop else (self.width, self.height)
 
 
 @dataclass(frozen=True)

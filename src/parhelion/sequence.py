@@ -11,16 +11,14 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Protocol
+from typing import IO, Any, Protocol
 
+from . import arguments
 from .atomic import clear, taking_place
 from .display import Display
 from .errors import FormatError, ResourceError, SceneError, option
-from .image import check_output, check_place, picture_metadata, read_pixels
+from .image import Image, check_output, check_place, picture_metadata, read_pixels
 from .io.frames import FPS, checked_fps
-
-if TYPE_CHECKING:
-    from .image import Image
 
 FILM = ".mp4"
 # What only files of that kind are told
@@ -31,6 +29,8 @@ _NUMBER = re.compile(r"%(0?\d*)d")
 _HASHES = re.compile(r"#+")
 _JPEG_END = b"\xff\xd9"
 
+# Of numbers in names
+_LARGEST = 2**63 - 1
 # Digits of numbers where the name does not say
 _DIGITS = 4
 
@@ -73,13 +73,19 @@ def save_sequence(
     Raises what Image.save() does, and ResourceError without ffmpeg, before the first picture is
     asked for.
     """
+    for name, values in (("images", images), ("numbers", () if numbers is None else numbers)):
+        if isinstance(values, str) or not isinstance(values, Iterable):
+            raise SceneError(f"{name}: a list is needed, not {type(values).__name__}")
     count, left = 0, itertools.count(1) if numbers is None else iter(numbers)
     with opened(path, fps=fps, bits=bits, **how) as taker:
         for image in images:
             number = next(left, None)
             if number is None:
                 raise SceneError(f"numbers: there are {count}, and more pictures than that")
-            taker.add(image, number)
+            taker.add(
+                arguments.instance(f"images[{count}]", image, Image),
+                arguments.whole(f"numbers[{count}]", number, -_LARGEST, _LARGEST),
+            )
             count += 1
     return count
 
@@ -99,7 +105,7 @@ def opened(
     Temporary files that killed processes left beside them are removed. Raises as save_sequence()
     does.
     """
-    name, rate = os.fspath(path), checked_fps(fps)
+    name, rate = str(arguments.path("path", path)), checked_fps(fps)
     program = check_sequence(path, bits=bits, features=features, **how)
     clear(Path(os.path.realpath(name)).parent)
     if program is None:
@@ -127,7 +133,8 @@ def check_sequence(
 
     Returns the program that makes the film, None for files of pictures.
     """
-    name = os.fspath(path)
+    name = str(arguments.path("path", path))
+    arguments.flag("legend", legend)
     if Path(name).suffix.lower() != FILM:
         check_output(numbered(name, 1), bits, features, legend, **how)
         return None

@@ -173,7 +173,7 @@ def metal(name: str) -> tuple[Color, Color]:
     """
     if name == "none":
         return (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
-    table = _metals().get(name)
+    table = _metals().get(name) if isinstance(name, str) else None
     if table is None:
         raise SceneError(unknown_name("metal", name, metals()))
     nm, n, k = table

@@ -35,10 +35,10 @@ from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, field, fields
 from importlib import import_module
 from math import isfinite
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
+from .. import arguments
 from ..errors import FormatError, SceneError, option, unknown_name
 from ..scene import Scene, Source
 
@@ -126,25 +126,45 @@ class LoadOptions:
 
     def __post_init__(self) -> None:
         """Refuses what would be taken for something else."""
-        if isinstance(self.allow_paths, (str, os.PathLike)):
-            raise SceneError("allow_paths is one path; must be a sequence of paths")
-        if not isinstance(self.defines, Mapping):
-            raise SceneError(f"defines is {self.defines!r}; must be a dict")
-        for name in ("frame", "time"):
-            value = getattr(self, name)
-            if value is not None and not (isinstance(value, Real) and isfinite(value)):
-                raise SceneError(f"{option(name)} is {value!r}; must be a number")
-        if self.ground is not None and not isinstance(self.ground, bool):
-            raise SceneError(f"ground is {self.ground!r}; must be True, False or None")
-        if self.environment is not None and not isinstance(self.environment, (str, os.PathLike)):
-            raise SceneError(f"environment is {self.environment!r}; must be a path")
-        ends = self.color_range
-        if ends is not None and not (
-            isinstance(ends, (tuple, list))
-            and len(ends) == 2
-            and all(isinstance(end, Real) for end in ends)
-        ):
-            raise SceneError(f"{option('color_range')} is {ends!r}; must be two numbers")
+        for given in fields(self):
+            value = getattr(self, given.name)
+            if value is not None or _default(given) is not None:
+                _CHECKS[given.name](given.name, value)
+
+
+def _finite(name: str, value: Any) -> None:
+    if not isfinite(arguments.number(name, value)):
+        raise SceneError(f"{option(name)} is {value!r}; must be a number")
+
+
+def _paths(name: str, value: Any) -> None:
+    if isinstance(value, (str, os.PathLike)):
+        raise SceneError(f"{name} is one path; must be a sequence of paths")
+    if not isinstance(value, Sequence):
+        raise SceneError(f"{name} is {value!r}; must be a sequence of paths")
+    for i, folder in enumerate(value):
+        arguments.path(f"{name}[{i}]", folder)
+
+
+def _dict(name: str, value: Any) -> None:
+    if not isinstance(value, Mapping):
+        raise SceneError(f"{name} is {value!r}; must be a dict")
+
+
+# What an option must be, where None is not what it is left as
+_CHECKS: Mapping[str, Callable[[str, Any], object]] = {
+    **dict.fromkeys(("color_by", "colormap", "style", "view", "up", "variant"), arguments.text),
+    **dict.fromkeys(("ground", "box", "wrap", "strict"), arguments.flag),
+    **dict.fromkeys(("frame", "time"), _finite),
+    "color_range": arguments.pair,
+    "radius": lambda name, value: isinstance(value, str) or arguments.number(name, value),
+    "bond_length": arguments.number,
+    "assembly": lambda name, value: arguments.whole(name, value, -_MOST, _MOST),
+    "environment": arguments.path,
+    "defines": _dict,
+    "allow_paths": _paths,
+}
+_MOST = 2**31
 
 
 @dataclass(frozen=True)
@@ -178,10 +198,8 @@ def load(
     scene = read(module, file, options)
     from ..studio import dressed
 
-    values = ((f, getattr(options, f.name)) for f in fields(options))
-    given = {f.name: value for f, value in values if value != _default(f)}
     return dressed(
-        scene.replace(source=Source(os.path.abspath(file), given)),
+        scene.replace(source=source_of(file, options)),
         view=options.view,
         environment=options.environment,
         ground=options.ground,
@@ -191,6 +209,19 @@ def load(
     )
 
 
+def source_of(file: Path, options: LoadOptions) -> Source:
+    """What a scene of a file tells of where it came from; paths that do not depend on the folder
+    that the process is in.
+    """
+    values = ((f, getattr(options, f.name)) for f in fields(options))
+    given = {f.name: value for f, value in values if value != _default(f)}
+    if options.environment is not None:
+        given["environment"] = os.path.abspath(options.environment)
+    if options.allow_paths:
+        given["allow_paths"] = tuple(map(os.path.abspath, options.allow_paths))
+    return Source(os.path.abspath(file), given)
+
+
 def resolved(
     path: str | os.PathLike[str], options: LoadOptions | None = None
 ) -> tuple[Path, Any, LoadOptions]:
@@ -198,10 +229,9 @@ def resolved(
 
     Raises FormatError.
     """
-    try:
-        file = Path(path)
-    except TypeError:
-        raise SceneError(f"a path is needed, not {type(path).__name__}") from None
+    file = arguments.path("path", path)
+    options = LoadOptions() if options is None else options
+    arguments.instance("options", options, LoadOptions)
     try:
         exists = file.exists()
     except OSError as error:  # too long a name, a folder that may not be looked into
@@ -220,7 +250,6 @@ def resolved(
     module = _module(ending, file)
     if packed and not getattr(module, "PACKED", True):
         raise FormatError(f"{file}: {module.NAME} files are not read packed; unpack it first")
-    options = options or LoadOptions()
     try:
         check_options(options, module.OPTIONS, f"{module.NAME} files")
         if options.frame != int(options.frame) and not getattr(module, "TIME_CODES", False):

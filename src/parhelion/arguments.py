@@ -1,0 +1,131 @@
+"""What arguments must be: each check returns the value as it is meant, or raises SceneError.
+
+Every text names the argument as the user knows it, says what it is and what it must be.
+"""
+
+from __future__ import annotations
+
+import operator
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from .errors import SceneError, option
+from .scene import Vec3
+from .tables import LARGEST
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_T = TypeVar("_T")
+
+
+def whole(name: str, value: Any, low: int, high: int) -> int:
+    """A whole number in [low, high]."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise _wrong(name, value, "a whole number") from None
+    if not low <= number <= high:
+        raise SceneError(f"{option(name)} is {number}; must lie in [{low}, {high}]")
+    return number
+
+
+def number(name: str, value: Any) -> float:
+    """Any number."""
+    try:
+        if not isinstance(value, (str, bytes)):
+            return float(value)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise _wrong(name, value, "a number")
+
+
+def length(name: str, value: Any) -> float | None:
+    """A number above 0, or None."""
+    if value is None:
+        return None
+    found = number(name, value)
+    if not found > 0:
+        raise SceneError(f"{option(name)} is {found}; must be > 0")
+    return found
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False, Python's or NumPy's."""
+    if type(value).__name__ not in ("bool", "bool_"):
+        raise _wrong(name, value, "True or False")
+    return bool(value)
+
+
+def text(name: str, value: Any) -> str:
+    """A name or the like."""
+    if not isinstance(value, str):
+        raise _wrong(name, value, "text")
+    return value
+
+
+def color(name: str, value: Any) -> Vec3:
+    """Three numbers, finite and not negative."""
+    what = "three numbers >= 0, linear RGB"
+    r, g, b = _numbers(name, value, 3, what)
+    if not all(0 <= c <= LARGEST for c in (r, g, b)):
+        raise _wrong(name, value, what)
+    return r, g, b
+
+
+def pair(name: str, value: Any) -> tuple[float, float]:
+    """Two numbers."""
+    x, y = _numbers(name, value, 2, "two numbers")
+    return x, y
+
+
+def point(name: str, value: Any) -> Vec3:
+    """Three numbers."""
+    x, y, z = _numbers(name, value, 3, "three numbers")
+    return x, y, z
+
+
+def array(name: str, value: Any) -> NDArray[Any]:
+    """Any array; rows of different lengths are none."""
+    import numpy as np
+
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        raise SceneError(f"{option(name)} is no array: {error}") from error
+
+
+def path(name: str, value: Any) -> Path:
+    """The path of a file."""
+    if isinstance(value, (str, os.PathLike)):
+        try:
+            return Path(value)
+        except TypeError:  # one of bytes
+            pass
+    raise SceneError(f"{option(name)}: a path is needed, not {type(value).__name__}")
+
+
+def instance(name: str, value: Any, kind: type[_T]) -> _T:
+    """An object of one of this package's types."""
+    if not isinstance(value, kind):
+        word = kind.__name__
+        needed = f"{'an' if word[0] in 'AEIOU' else 'a'} {word} is"
+        if word.endswith("s"):
+            needed = f"{word} are"
+        raise SceneError(f"{option(name)}: {needed} needed, not {type(value).__name__}")
+    return value
+
+
+def _numbers(name: str, value: Any, count: int, what: str) -> list[float]:
+    try:
+        found = [number(name, v) for v in value]
+    except (TypeError, SceneError):
+        found = []
+    if len(found) != count:
+        raise _wrong(name, value, what)
+    return found
+
+
+def _wrong(name: str, value: Any, what: str) -> SceneError:
+    return SceneError(f"{option(name)} is {value!r}; must be {what}")
