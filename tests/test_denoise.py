@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -124,6 +126,110 @@ def test_a_forked_process_has_a_device_of_its_own() -> None:
     if child == 0:
         os._exit(0 if np.array_equal(denoised(light), expected) else 1)
     assert os.waitpid(child, 0)[1] == 0
+
+
+# --- Progress, and ends before the end -----------------------------------------------------------
+
+
+def test_progress_is_told_and_ends_it(noisy: ph.Image) -> None:
+    shares: list[float] = []
+    clean = noisy.denoised(progress=shares.append)
+    assert shares[0] == 0
+    assert shares == sorted(shares)
+    assert all(0 <= share <= 1 for share in shares)
+    for most in (0.0, 0.3):
+        assert noisy.denoised(progress=lambda share, most=most: share >= most) is noisy
+        with pytest.raises(denoise.Stopped):
+            denoised(noisy.pixels, progress=lambda share, most=most: share >= most)
+    with pytest.raises(ZeroDivisionError):
+        noisy.denoised(progress=lambda _: 1 / 0)
+    np.testing.assert_array_equal(noisy.denoised().pixels, clean.pixels)
+
+
+def test_ctrl_c_in_python(noisy: ph.Image) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        noisy.denoised(progress=lambda _: os.kill(os.getpid(), signal.SIGINT))
+    assert "noisy" in noisy.denoised().features
+
+
+@pytest.fixture(params=["SIGINT", "SIGTERM"])
+def signalled(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A signal comes whenever denoising begins."""
+
+    def begun(*arrays: Any, **how: Any) -> np.ndarray:
+        os.kill(os.getpid(), getattr(signal, request.param))
+        return denoised(*arrays, **how)
+
+    monkeypatch.setattr(denoise, "denoised", begun)
+
+
+@pytest.mark.usefixtures("signalled")
+@pytest.mark.parametrize("name", ["a.png", "a.exr"])
+def test_a_picture_that_is_stopped_has_its_noise(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    file = tmp_path / name
+    assert run("render", *SMALL, "--denoise", "-o", file) == 130
+    said = capsys.readouterr().err
+    assert f"stopped; {file} has 4 spp and is not denoised; --checkpoint FILE would let" in said
+    assert os.listdir(tmp_path) == [name]
+    pixels, told = read_picture(file)
+    plain = ph.render(ph.weekend(), width=48, spp=4)
+    np.testing.assert_array_equal(pixels, plain.srgb() if name == "a.png" else plain.pixels)
+    assert "parhelion:denoised" not in told
+    assert list(PictureFile(file).layers) == [MAIN]
+
+
+@pytest.mark.usefixtures("signalled")
+def test_sequences_and_files_that_are_stopped(
+    noisy: ph.Image, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flags = ["--turntable", 2, "--denoise", *SMALL]
+    assert run("render", *flags, "-o", tmp_path / "a.png") == 130
+    assert "stopped after 0 of 2 pictures" in capsys.readouterr().err
+    noisy.save(tmp_path / "in.exr")
+    assert run("image", tmp_path / "in.exr", "--denoise", "-o", tmp_path / "a.png") == 130
+    assert os.listdir(tmp_path) == ["in.exr"]
+
+
+def test_making_it_again_is_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run("render", *SMALL, "--denoise", "-o", tmp_path / "a.exr") == 0
+    assert run("rerender", tmp_path / "a.exr") == 0
+    monkeypatch.setattr(denoise, "denoised", lambda *_, progress, **__: _ended(progress))
+    again = tmp_path / "b.exr"
+    assert run("rerender", tmp_path / "a.exr", "-o", again) == 130
+    assert not again.exists()
+
+
+def _ended(progress: Any) -> None:
+    assert not progress(0.5)
+    os.kill(os.getpid(), signal.SIGINT)
+    assert progress(0.6)
+    raise denoise.Stopped
+
+
+@pytest.mark.parametrize(("needed", "most"), [(0.6, 0.9), (100.0, 0.75)])
+def test_time_is_left_for_it(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    needed: float,
+    most: float,
+) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(denoise, "seconds_for", lambda pixels: asked.append(pixels) or needed)
+    words = ["--crop", "0,0,40,20", "--denoise", "--time-limit", "1.5", "-o", tmp_path / "a.exr"]
+    assert main(["render", *map(str, words)]) == 0
+    assert asked == [800]
+    told = PictureFile(tmp_path / "a.exr").metadata
+    assert told["parhelion:ended"] == "time"
+    assert float(told["parhelion:seconds"]) < most + 0.3
+    assert ("the picture will be late" in caplog.text) == (needed > 1)
+
+
+def test_how_long_it_will_take() -> None:
+    one, many = denoise.seconds_for(1), denoise.seconds_for(100 * denoise._TRIAL**2)
+    assert 0 < one < many < 1000
 
 
 # --- What is not finite --------------------------------------------------------------------------

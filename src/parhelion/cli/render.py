@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import math
 import os
 import sys
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from ..image import Image
     from ..io.frames import Frames
     from ..scene import Scene
+
+log = logging.getLogger("parhelion")
 
 
 def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -241,7 +244,7 @@ CHECKPOINT = ("checkpoint", "checkpoint_every", "resume")
 
 def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any], begun: float) -> int:
     from ..image import check_output
-    from ..renderer import prepare, render
+    from ..renderer import merged, prepare, render
 
     for flag, given in (("--fps", args.fps is not None), ("--skip-existing", args.skip_existing)):
         if given:
@@ -267,17 +270,17 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any], be
     elif args.checkpoint_every is not None:
         raise SceneError("--checkpoint-every needs --checkpoint")
     if args.time_limit is not None:
-        left = args.time_limit - (time.perf_counter() - begun)
-        settings["time_limit"] = max(left, 1e-3)  # loading took it all; 0 would be a mistake
+        wanted = merged(scene.scene.settings, {k: settings[k] for k in ("width", "height", "crop")})
+        settings["time_limit"] = rendering_seconds(args, wanted.size, begun)
     watch = Watch()
     # The camera can only be the file's own.
     with options.naming(args, "camera:"), watch.watching(args.quiet):
         image = render(scene, progress=watch, **settings)
-        clean = finished(args, image)
-        if clean is not image and file.suffix.lower() != ".exr":
+        clean = finished(args, image, watch)
+        if "noisy" in clean.features and file.suffix.lower() != ".exr":
             image.save(beside, bits=args.bits, legend=args.legend, **how)
         clean.save(output, bits=args.bits, legend=args.legend, **how)
-    if image.stats.complete:
+    if is_finished(args, clean):
         if not args.quiet:
             print(f"{output}: {_summary(image)}", file=sys.stderr)
         return 0
@@ -285,21 +288,50 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any], be
     if args.checkpoint is not None:
         hint = f"the same command with --resume goes on from {args.checkpoint}"
     error = "" if image.stats.error is None else f", error {100 * image.stats.error:.2g} %"
-    print(f"parhelion: stopped; {output} has {image.told_spp()}{error}; {hint}", file=sys.stderr)
+    noise = " and is not denoised" if image.stats.complete else ""
+    has = f"{output} has {image.told_spp()}{error}{noise}"
+    print(f"parhelion: stopped; {has}; {hint}", file=sys.stderr)
     return 130
 
 
-def finished(args: argparse.Namespace, image: Image) -> Image:
+def rendering_seconds(args: argparse.Namespace, size: tuple[int, int], begun: float) -> float:
+    """What is left of --time-limit for rendering: the rest is for denoising, if that is asked for.
+
+    size: of the picture. begun: when the time began. Denoising gets no more than half of what
+    is left, with a warning, as a picture of no samples is worth nothing.
+    """
+    needed = 0.0
+    if args.denoise:
+        from ..denoise import seconds_for
+
+        needed = seconds_for(size[0] * size[1])
+    left: float = args.time_limit - (time.perf_counter() - begun)
+    if needed > 0.5 * left:
+        log.warning(
+            "denoising takes some %.0f s, and %.0f s are left; the picture will be late",
+            needed,
+            max(left, 0.0),
+        )
+        needed = 0.5 * left
+    return max(left - needed, 1e-3)  # loading took it all; 0 would be a mistake
+
+
+def finished(args: argparse.Namespace, image: Image, watch: Watch) -> Image:
     """The picture as it is to be written; one that was stopped, at once and as it is."""
     from ..denoise import without_guides
 
     if not args.denoise:
         return image
     if image.stats.complete:
-        image = image.denoised()
+        image = image.denoised(progress=lambda _: watch.stopped)
     if not args.features:
         image = replace(image, features=without_guides(image.features))
     return image
+
+
+def is_finished(args: argparse.Namespace, image: Image) -> bool:
+    """Whether finished() has done all that was asked for."""
+    return image.stats.complete and (not args.denoise or "noisy" in image.features)
 
 
 def check_legend(args: argparse.Namespace, scene: Scene | Frames) -> None:

@@ -50,12 +50,14 @@ def run(args: argparse.Namespace) -> int:
         if os.path.exists(args.output) and os.path.samefile(args.picture, args.output):
             raise SceneError(f"{args.output}: is the picture to make again; give another name")
     if args.scene is not None:
-        was = {} if made.source is None or made.source.path is None else made.source.options
-        made = replace(made, source=Source(args.scene, was))
+        was = made.source
+        if was is None or was.path is None:
+            was = Source(None)
+        made = replace(made, source=replace(was, path=args.scene))
     watch = Watch()
     with watch.watching(args.quiet):
         image = remade(made, threads=args.threads, progress=watch)
-    if not image.stats.complete:
+    if not image.stats.complete or (made.denoised and "noisy" not in image.features):
         print("parhelion: stopped", file=sys.stderr)
         return 130
     if args.output is not None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import SceneError
 from . import options
-from .render import CHECKPOINT, check_legend, finished
+from .render import CHECKPOINT, check_legend, finished, is_finished, rendering_seconds
 from .watch import Watch
 
 if TYPE_CHECKING:
@@ -46,8 +46,6 @@ def run(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
         raise SceneError("--turntable and --frames are two sequences; give one of them")
     if args.checkpoint is not None or args.checkpoint_every is not None or args.resume:
         raise SceneError("--checkpoint and --resume are for one picture, not for a sequence")
-    if args.time_limit is not None:
-        settings["time_limit"] = args.time_limit
     if film and args.skip_existing:
         pictures = f"{Path(output).stem}.####.png"
         raise SceneError(
@@ -63,6 +61,8 @@ def run(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
     start, watch, image = time.perf_counter(), Watch(), None
     with options.naming(args):
         series = make(args, output, film, settings, watch)
+    if args.time_limit is not None:  # of each picture
+        settings["time_limit"] = rendering_seconds(args, series.size, time.perf_counter())
 
     def notes(k: int) -> dict[str, str]:
         return {"parhelion:sequence": _made_of(args, series.part(k))}
@@ -82,9 +82,10 @@ def run(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
             watch.watching(args.quiet),
         ):
             for k, image in zip(places, series.images(places), strict=True):
-                if not image.stats.complete:
+                image = finished(args, image, watch)
+                if not is_finished(args, image):
                     raise _Stopped
-                taker.add(replace(finished(args, image), notes=notes(k)), series.numbers[k])
+                taker.add(replace(image, notes=notes(k)), series.numbers[k])
                 watch.add(image)
     except _Stopped:
         done = f"stopped after {watch.done} of {watch.count} pictures"
@@ -214,7 +215,6 @@ def _size(output: str, film: bool, base: Settings, settings: dict[str, Any]) -> 
             own = getattr(wanted, name)
             settings[name] = own + own % 2 if settings[name] is None else own
         wanted = merged(wanted, {name: settings[name] for name in ("width", "height")})
-    size = wanted.crop[2:] if wanted.crop else (wanted.width, wanted.height)
     if film:
-        check_film_size(output, *size)
-    return size
+        check_film_size(output, *wanted.size)
+    return wanted.size

@@ -37,6 +37,11 @@ class Watch:
                     seconds=self._seconds + state.seconds,
                 )
             )
+        return self.stopped
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a signal has come."""
         return bool(self._stop)
 
     def add(self, image: Image) -> None:
