@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -194,3 +196,114 @@ def test_its_own_file_is_not_overwritten(tmp_path: Path, scene: Path) -> None:
     before = file.read_bytes()
     assert run("rerender", file, "-o", file, "-q") == 2
     assert file.read_bytes() == before
+
+
+# --- Sequences -----------------------------------------------------------------------------------
+
+
+def frame(*rows: str) -> str:
+    return f"{len(rows)}" + _XYZ[1:] + "".join(f"{row}\n" for row in rows)
+
+
+FRAMES = [
+    frame("H 0 0 0 1", "O 1 0 0 2", "C 0 1 1 3"),
+    frame("H 0 0 1 4", "O 1 2 0 2"),
+    frame("H 0 0 0 1", "O 1 0 3 9", "C 0 1 1 0"),
+]
+
+
+@pytest.mark.parametrize("which", ["all", "::-1", "1..2", "=-1:"])
+def test_frames_of_particles(tmp_path: Path, which: str) -> None:
+    data = tmp_path / "a.xyz"
+    data.write_text("".join(FRAMES))
+    words = ["--color-by", "q", "--view", "iso", "--legend", "--width", "40", "--spp", "2", "-q"]
+    frames = ["--frames", which] if which[0] != "=" else [f"--frames{which}"]
+    assert run("render", data, *words, *frames, "-o", tmp_path / "b.png") == 0
+    files = sorted(tmp_path.glob("b.*.png"))
+    assert len(files) == {"all": 3, "::-1": 3, "1..2": 2}.get(which, 1)
+    # a file that has become longer, with particles where no view of the others shows them
+    data.write_text("".join(FRAMES) + frame("H 90 0 0 50"))
+    for file in files:
+        assert run("rerender", file, "-q") == 0
+    data.write_text("".join(FRAMES[:1]))
+    assert run("rerender", files[-1], "-q") == 2
+
+
+def test_a_turntable_in_the_studios_light(tmp_path: Path) -> None:
+    data = tmp_path / "a.xyz"
+    data.write_text(FRAMES[0])
+    words = ["--width", "40", "--spp", "2", "--ground", "-q"]
+    assert run("render", data, *words, "--turntable", "3", "-o", tmp_path / "b.exr") == 0
+    moved = data.rename(tmp_path / "c.xyz")
+    for k in (1, 2, 3):
+        assert run("rerender", tmp_path / f"b.000{k}.exr", "-q", "--scene", moved) == 0
+    # of the built-in scene, whose light is its own
+    assert run("render", *words[:4], "-q", "--turntable", "2", "-o", tmp_path / "w.png") == 0
+    assert run("rerender", tmp_path / "w.0002.png", "-q") == 0
+
+
+def test_an_animation(tmp_path: Path) -> None:
+    """Two triangles, one of which moves, for a second; light and view are found for all frames."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+    keys = np.array([0, 1, 0, 0, 0, 2, 1, 3], "<f4").tobytes()
+    view, number = {"buffer": 0}, {"componentType": 5126}
+    document = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0}, {"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "buffers": [
+            {"byteLength": 68, "uri": f"data:;base64,{base64.b64encode(corners + keys).decode()}"}
+        ],
+        "bufferViews": [
+            view | {"byteLength": 36},
+            view | {"byteOffset": 36, "byteLength": 32},
+        ],
+        "accessors": [
+            number | {"bufferView": 0, "count": 3, "type": "VEC3", "min": [0] * 3, "max": [1] * 3},
+            number | {"bufferView": 1, "count": 2, "type": "SCALAR", "min": [0], "max": [1]},
+            number | {"bufferView": 1, "byteOffset": 8, "count": 2, "type": "VEC3"},
+        ],
+        "animations": [
+            {
+                "samplers": [{"input": 1, "output": 2}],
+                "channels": [{"sampler": 0, "target": {"node": 1, "path": "translation"}}],
+            }
+        ],
+    }
+    data = tmp_path / "a.gltf"
+    data.write_text(json.dumps(document))
+    words = ["--width", "32", "--spp", "1", "-q", "-o", tmp_path / "b.png"]
+    for frames, count in (("all", 4), ("0..0.7..0.1", 8)):
+        fps = ["--fps", "3"] if frames == "all" else []
+        assert run("render", data, "--frames", frames, *fps, *words) == 0
+        files = sorted(tmp_path.glob("b.*.png"))
+        assert len(files) == count
+        for file in files[:: count - 1]:
+            assert run("rerender", file, "-q") == 0
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        {"frames": ["1..2", 7]},
+        {"frames": ["x", 0]},
+        {"frames": ["1..2", "1"]},
+        {"frames": 3},
+        {"turned": [[1, 0, 0], [0, 0, 0]]},
+        {"turned": 3},
+        {"turned": ["x", "y"]},
+    ],
+)
+def test_sources_of_sequences_that_are_none(tmp_path: Path, source: dict[str, Any]) -> None:
+    data, file = tmp_path / "a.xyz", tmp_path / "a.png"
+    data.write_text("".join(FRAMES))
+    picture = ph.render(ph.load(data), spp=1, **SIZE)
+    told = {"path": str(data), "options": {}, **source}
+    metadata = {**picture.metadata(), "parhelion:source": json.dumps(told)}
+    file.write_bytes(image.encoded(picture.srgb(), metadata, ".png"))
+    with pytest.raises(
+        ph.SceneError, match=r"tells of options|no picture 7 in|frames 'x': a range"
+    ):
+        ph.rerender(file)

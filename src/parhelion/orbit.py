@@ -81,6 +81,9 @@ def _rendered(
     for turn in around:
         lit = turned_light(shown, turn.rotation, turn.pivot)
         if lit is not shown:
+            if lit.source is not None:  # which is told with the picture
+                moved = turn.rotation.tolist(), turn.pivot.tolist()
+                lit = lit.replace(source=replace(lit.source, turned=moved))
             del prepared  # two trees at a time would be one too many
             prepared = prepare(lit, memory_limit=options.get("memory_limit"))
         yield render(prepared, camera=turn.camera, **options)

@@ -58,11 +58,13 @@ class Record:
         """The scene, from where it came from. Raises FormatError where that is not told."""
         from .builtin import weekend
         from .io import LoadOptions, load
+        from .io.frames import load_frames
+        from .studio import turned_light
 
         if self.source is None:
             raise FormatError(
-                f"{self.path}: does not say where its scene is, which was made in Python or is one"
-                " of a sequence; give the scene"
+                f"{self.path}: does not say where its scene is, which was made in Python; give the"
+                " scene"
             )
         source = self.source
         try:
@@ -70,9 +72,19 @@ class Record:
             if source.path is None:
                 return weekend(**options)
             read_as = LoadOptions(**options)
+            which, place = source.frames or ("", 0)
+            turn, pivot = (np.array(v, np.float64) for v in source.turned or (np.eye(3), [0] * 3))
+            if turn.shape != (3, 3) or pivot.shape != (3,) or not isinstance(place, int):
+                raise TypeError
         except (TypeError, ValueError) as error:
             raise FormatError(f"{self.path}: tells of options that there are not") from error
-        return load(source.path, read_as)
+        if not which:
+            return turned_light(load(source.path, read_as), turn, pivot)
+        frames = load_frames(source.path, which, read_as)
+        if not 0 <= place < len(frames):
+            raise FormatError(f"{self.path}: there is no picture {place} in frames {which}")
+        (scene,) = frames.scenes([place])
+        return turned_light(scene, turn, pivot)
 
 
 def record(path: str | os.PathLike[str]) -> Record:

@@ -384,11 +384,15 @@ class Swatches:
 @dataclass(frozen=True)
 class Source:
     """Where a scene came from: a file's absolute path and those fields of LoadOptions that were not
-    left as they are; path None is the built-in scene, with its arguments.
+    left as they are; path None is the built-in scene, with its arguments. frames: of one of the
+    scenes of load_frames(), its range, with both ends, and the place in it. turned: rotation (3, 3)
+    and pivot (3,) by which a turntable has moved the light that the file got.
     """
 
     path: str | None
     options: Mapping[str, Any] = field(default_factory=dict)
+    frames: tuple[str, int] | None = None
+    turned: tuple[Sequence[Sequence[float]], Sequence[float]] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,12 +24,13 @@ from ..scene import (
     Framing,
     Scene,
     Settings,
+    Source,
     Spheres,
     Swatches,
     Vec3,
 )
 from ..studio import axis, dressed, framing, is_dark, up_of
-from . import FORMATS, LoadOptions, Timeline, reading, resolved
+from . import FORMATS, LoadOptions, Timeline, reading, resolved, source_of
 from .text import Trajectory
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def load_frames(
         with reading(file), module.trajectory(file, chosen) as trajectory:
             yield trajectory
 
-    return ParticleFrames(opened, file.name, chosen, frames, rate)
+    return ParticleFrames(opened, file.name, chosen, frames, rate, source_of(file, chosen))
 
 
 def frames_in(path: str | os.PathLike[str], options: LoadOptions | None = None) -> Extent | None:
@@ -142,7 +143,8 @@ class Frames(ABC):
     that other ranges of the same frames give files that fit; else from 1 on. fps: pictures a second
     at which they have the file's speed, or that which was asked for. sampled: whether it is by that
     rate, rather than by the file, that there are so many. look: a hash of what was chosen for all
-    of them, which more frames may change. settings: of the first scene, which all have.
+    of them, which more frames may change. settings: of the first scene, which all have. range:
+    first, last and step as load_frames() takes them, which a file that has become longer has too.
 
     All have the camera that shows every one of them whole, unless the file has its own, and the
     light, ground and, unless the options say otherwise, radii and range of colours that go with it.
@@ -152,9 +154,11 @@ class Frames(ABC):
     file_numbers: Sequence[int]
     fps: float
     look: str
+    range: str
     sampled = False
     settings = Settings()
     legend: ColorBar | Swatches | None = None
+    _file_source: Source | None = None
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -163,13 +167,19 @@ class Frames(ABC):
         """The scenes, each read when it is asked for."""
         return self.scenes(range(len(self)))
 
+    def _source(self, place: int) -> Source | None:
+        """Of one of the scenes; None for those that are of no file."""
+        return self._file_source and replace(self._file_source, frames=(self.range, place))
+
     @abstractmethod
     def scenes(self, places: Iterable[int]) -> Iterator[Scene]:
         """Some of the scenes, by their places among all, from 0 on; the others are not read."""
 
 
 class ParticleFrames(Frames):
-    """Of particles, all dressed alike. opened: what opens the trajectory. name: of its scenes."""
+    """Of particles, all dressed alike. opened: what opens the trajectory. name: of its scenes.
+    source: of a file.
+    """
 
     def __init__(
         self,
@@ -178,7 +188,9 @@ class ParticleFrames(Frames):
         options: LoadOptions,
         frames: str | slice,
         fps: float | None,
+        source: Source | None = None,
     ) -> None:
+        self._file_source = source
         choose = _chooser(frames)
         self.fps = FPS if fps is None else fps
         self._opened, self._name = opened, name
@@ -193,6 +205,7 @@ class ParticleFrames(Frames):
             if not self.numbers:
                 raise SceneError(f"of {trajectory.count} frames none is in {_written(frames)}")
             self.file_numbers = self.numbers if _inclusive(frames) else _from_one(self)
+            self.range = _both_ends(self.numbers, self.numbers.step)
             for number in sorted(self.numbers):
                 particles = trajectory.read(number)
                 if first is None and _touching(particles, options):
@@ -221,13 +234,15 @@ class ParticleFrames(Frames):
 
     def scenes(self, places: Iterable[int]) -> Iterator[Scene]:
         with self._opened() as trajectory:
-            for number in (self.numbers[place] for place in places):
+            for place in places:
+                number = self.numbers[place]
                 if number >= trajectory.count:
                     raise SceneError("has become shorter while it was read")
                 particles = self._alike(trajectory.read(number))
                 scene = to_scene(particles, self._options, f"{self._name}, frame {number}")
                 shapes = (*scene.shapes, *self._stage.shapes)
-                yield self._stage.replace(shapes=shapes, name=scene.name)
+                source = self._source(place)
+                yield self._stage.replace(shapes=shapes, name=scene.name, source=source)
 
     def _note_names(self, particles: Particles) -> None:
         for key, labels in _labels(particles).items():
@@ -265,10 +280,12 @@ class _Animation(Frames):
         frames: str | slice,
         fps: float | None,
     ) -> None:
-        self._file = file
+        self._file, self._file_source = file, source_of(file, options)
         with reading(file):
             self._timeline: Timeline = module.timeline(file, options)
         step, self.numbers = _times(file, self._timeline, frames, FPS if fps is None else fps)
+        by_rate = self._timeline.per_second / (FPS if fps is None else fps)
+        self.range = _both_ends(self.numbers, by_rate if step is None else step)
         whole = [round(time) for time in self.numbers]
         exact = all(abs(a - b) < _NEAR for a, b in zip(whole, self.numbers, strict=True))
         self.file_numbers = whole if exact and _inclusive(frames) else _from_one(self)
@@ -300,7 +317,8 @@ class _Animation(Frames):
 
     def scenes(self, places: Iterable[int]) -> Iterator[Scene]:
         stage = self._stage
-        for time in (self.numbers[place] for place in places):
+        for place in places:
+            time = self.numbers[place]
             scene = self._read(time)
             own = self._own_camera and isinstance(scene.camera, Camera)
             yield scene.replace(
@@ -309,6 +327,7 @@ class _Animation(Frames):
                 background=scene.background if self._own_background else stage.background,
                 settings=self.settings,
                 name=f"{self._file.name}, {self._timeline.option} {time:g}",
+                source=self._source(place),
             )
 
     def _read(self, time: float) -> Scene:
@@ -449,6 +468,12 @@ def _known() -> list[str]:
 def _inclusive(frames: str | slice) -> bool:
     """Whether a range is written with both its ends: 1..240 or 1..240..2."""
     return isinstance(frames, str) and ".." in frames
+
+
+def _both_ends(numbers: Sequence[Any], step: Any) -> str:
+    """A range as it may be asked for, exactly."""
+    ends = f"{numbers[0]!r}..{numbers[-1]!r}"
+    return ends if len(numbers) == 1 else f"{ends}..{step!r}"
 
 
 def _from_one(frames: Frames) -> range:
