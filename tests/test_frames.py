@@ -396,12 +396,12 @@ def test_ranges_of_the_same_frames_give_files_that_fit(
     words = ["render", str(path), *SMALL, "-o", str(tmp_path / "f-##.png"), "--frames"]
     assert cli.main([*words, "0..4..4"]) == 0
     assert sorted(os.listdir(tmp_path)) == ["a.xyz", "f-00.png", "f-04.png"]
-    before = (tmp_path / "f-04.png").stat()
+    before = (tmp_path / "f-04.png").stat().st_ino
     capsys.readouterr()
     assert cli.main([*words, "0..4", "--skip-existing"]) == 0
     assert "f-##.png: 3 pictures (2 more were there), 32x18" in capsys.readouterr().err
     assert len(os.listdir(tmp_path)) == 6
-    assert (tmp_path / "f-04.png").stat() == before
+    assert (tmp_path / "f-04.png").stat().st_ino == before
     # seen from elsewhere, or another frame: slices count from 1
     for which in ("1..3", "0:3"):
         assert cli.main([*words, which, "--skip-existing"]) == 0

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import subprocess
 import sys
 import textwrap
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +15,10 @@ import numpy as np
 import pytest
 
 import parhelion as ph
-from parhelion import _core, cli, memory
+from parhelion import _core, cli, io, memory
 from parhelion.flatten import flatten
 
+REPOSITORY = Path(__file__).resolve().parent.parent
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="limits and /proc as on Linux")
 ONE = ph.Scene([ph.Spheres([[0, 0, 0]], 1.0)], camera=ph.Camera(eye=(0, 0, 5)))
 
@@ -169,6 +172,86 @@ def test_the_core_tells_what_takes_the_memory() -> None:
     with pytest.raises(ph.ResourceError, match=told):
         _core.Scene(flatten(scene).parts, 30 * 2**20)
     assert _core.Scene(flatten(scene).parts, 100 * 2**20).stats()["peak_bytes"] < 100 * 2**20
+
+
+# --- Files ---------------------------------------------------------------------------------------
+
+TRIANGLE = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"  # fmt: skip  # noqa: E501
+XYZ = "2\n\nH 0 0 0\nO 0 0 1\n"
+
+
+def room(monkeypatch: pytest.MonkeyPatch, size: int) -> None:
+    """Nothing else is free, and no file so small that nothing is asked for."""
+    monkeypatch.setattr(io, "_SMALL", 0)
+    monkeypatch.setattr(memory, "free", lambda **_: memory.Free(size, "are free"))
+
+
+def test_files_are_refused_by_their_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file itself, packed or not, and those that it names."""
+    ply, packed, scene = tmp_path / "a.ply", tmp_path / "a.ply.gz", tmp_path / "a.json"
+    ply.write_text(TRIANGLE)
+    packed.write_bytes(gzip.compress(TRIANGLE.encode()))
+    scene.write_text('{"parhelion": 1, "shapes": [{"type": "mesh", "file": "a.ply"}]}')
+    needed = int(io.TAKEN[".ply"] * len(TRIANGLE))
+    for file in (ply, packed, scene):
+        room(monkeypatch, needed)
+        assert len(ph.load(file).shapes) >= 1
+        room(monkeypatch, needed - 1)
+        said = r"not enough memory: reading a\.ply(\.gz)? takes 0 MiB, and 0 MiB are free; a part"
+        with pytest.raises(ph.ResourceError, match=said) as caught:
+            ph.load(file)
+        assert not isinstance(caught.value, ph.FormatError)
+
+
+def test_of_a_trajectory_a_frame_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, a_frame = tmp_path / "a.xyz", 2 * (io.ROW_TAKES + 4 * io.COLUMN_TAKES)
+    file.write_text(1000 * XYZ)
+    room(monkeypatch, a_frame)
+    assert len(ph.load(file, ph.LoadOptions(frame=999)).shapes[0].centers) == 2
+    assert len(list(ph.load_frames(file, "::500"))) == 2
+    room(monkeypatch, a_frame - 1)
+    with pytest.raises(ph.ResourceError, match=r"reading 2 atoms of a\.xyz takes"):
+        ph.load(file)
+    # what the file only claims to have takes nothing
+    room(monkeypatch, 40 * a_frame)
+    file.write_text(f"{10**12}\n\nH 0 0 0\n")
+    with pytest.raises(ph.FormatError, match="the file ends after 1 of"):
+        ph.load(file)
+
+
+def test_a_limit_of_the_users_for_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "a.npz"
+    np.savez_compressed(file, positions=np.zeros((200_000, 3)) + np.arange(200_000)[:, None])
+    words = ["render", str(file), "-q", "--width", "8", "--spp", "1"]
+    words += ["-o", str(tmp_path / "a.png"), "--memory-limit"]
+    assert cli.main([*words, "1M"]) == 2
+    assert "reading a.npz takes 21 MiB, and 0 MiB are left of --mem" in capsys.readouterr().err
+    assert cli.main([*words, "16G"]) == 0
+
+
+@LINUX
+def test_reading_takes_no_more_than_is_asked_for() -> None:
+    """Of all formats, in a process of its own; see bench/reading.py."""
+    from bench.reading import FILES
+
+    needs = {".usdc": "pxr", ".usda": "pxr", ".gro": "chemfiles", ".pdb": "chemfiles"}
+    needs[".gsd"] = "gsd"
+    names = [n for n in FILES if find_spec(needs.get(Path(n).suffix, "numpy")) is not None]
+    done = subprocess.run(
+        [sys.executable, "-m", "bench.reading", "--size", "8", "--only", *names],
+        capture_output=True,
+        text=True,
+        cwd=REPOSITORY,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    table = [line.split() for line in done.stdout.splitlines()[1:]]
+    assert [row[0] for row in table] == names
+    for name, _, taken, asked in table:
+        assert float(asked) < 2.6 * float(taken) + 1, name
 
 
 # --- What is taken -------------------------------------------------------------------------------

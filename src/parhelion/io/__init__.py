@@ -7,6 +7,7 @@ A format module has these names:
     OPTIONS     the fields of LoadOptions that it reads, besides EVERY_FORMAT's
     BARE        True if its files often lack a camera and lights, which are then added
     PACKED      False if it does not read files that are packed, as NAME.gz (none: it does)
+    PARTS       True if it calls require_memory() itself, for what it reads at once (none: False)
     TIME_CODES  True if `frame` need not be a whole number (none: False)
     GROUND      kinds of shapes, such as scene.Mesh, that a ground is put below where light is added
                 (none: ())
@@ -38,8 +39,8 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from .. import arguments
-from ..errors import FormatError, SceneError, option, unknown_name
+from .. import arguments, memory
+from ..errors import FormatError, ResourceError, SceneError, option, unknown_name
 from ..scene import Scene, Source
 
 # suffix -> module; the one list that a new format is added to
@@ -72,6 +73,33 @@ ENTRY_POINTS = "parhelion.formats"
 
 # endings that may follow those of FORMATS
 COMPRESSED = (".gz", ".bz2", ".xz")
+
+# Bytes that reading takes at its peak for each byte of a file, unpacked; of those with frames, of
+# a frame. What `python -m bench.reading` measures of files that take much, and some more; 1 where
+# nothing is known. Stages of USD are packed inside by as much as there is order in them: their
+# factors are those of stages without.
+TAKEN = {
+    ".json": 11.0,
+    ".npz": 4.5,
+    ".gro": 11.5,
+    ".pdb": 8.5,
+    ".gltf": 4.0,
+    ".glb": 4.0,
+    ".ply": 6.0,
+    ".stl": 5.5,
+    ".off": 9.0,
+    ".obj": 4.0,
+    ".pbrt": 5.0,
+    ".usd": 24.0,
+    ".usda": 24.0,
+    ".usdc": 22.0,
+}
+# The same for each row of a table of particles, and for each number or name in it
+ROW_TAKES, COLUMN_TAKES = 40, 16
+# Bytes of a file that is read without a look at the memory
+_SMALL = 1 << 20
+# More than that a .gz file does not unpack to, whatever its end says
+_BEST_PACKED = 250
 
 
 # What is done with any scene, and permissions that a format may have no occasion for; an option
@@ -192,7 +220,8 @@ def load(
 
     studio: what lacks a view and light, and is of a format whose files often do, gets some.
 
-    Raises FormatError for a file that is missing, broken or of no known format.
+    Raises FormatError for a file that is missing, broken or of no known format, and ResourceError,
+    before it is read, for one that would take more memory than is free.
     """
     file, module, options = resolved(path, options)
     scene = read(module, file, options)
@@ -274,6 +303,8 @@ def check_options(options: LoadOptions, known: Sequence[str], what: str) -> None
 
 def read(module: Any, file: Path, options: LoadOptions) -> Scene:
     """The scene as it is in the file. Raises FormatError."""
+    if not getattr(module, "PARTS", False):
+        require_memory(file)
     with reading(file):
         scene = module.load(file, options)
     assert isinstance(scene, Scene)
@@ -287,6 +318,8 @@ def reading(file: Path) -> Iterator[None]:
     """Turns what the system refuses while a file is read into a FormatError about it."""
     try:
         yield
+    except ResourceError:
+        raise
     except (OSError, MemoryError) as error:
         reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise FormatError(f"{file}: cannot be read: {reason}") from error
@@ -296,6 +329,27 @@ def reading(file: Path) -> Iterator[None]:
         raise FormatError(f"{file}: {error}") from None
     except RecursionError:
         raise FormatError(f"{file}: is nested too deeply") from None
+
+
+def require_memory(file: Path, size: int | None = None, factor: float | None = None) -> None:
+    """Raises ResourceError for a file that takes more memory to read than there is.
+
+    size: bytes of it that are read at once; None for all, unpacked where that is cheap to know.
+    factor: how many times that reading takes; None for what its ending says.
+    """
+    endings = [s.lower() for s in file.suffixes]
+    packed = endings.pop() if endings and endings[-1] in COMPRESSED else ""
+    if size is None:
+        size = file.stat().st_size
+        if packed == ".gz" and size > 4:
+            with file.open("rb") as stream:
+                stream.seek(-4, os.SEEK_END)  # bytes of the last member, modulo 2^32 (RFC 1952)
+                told = int.from_bytes(stream.read(4), "little")
+            size = max(size, min(told, _BEST_PACKED * size))
+    if factor is None:
+        factor = TAKEN.get(endings[-1] if endings else "", 1.0)
+    if size > _SMALL:
+        memory.require(int(factor * size), f"reading {file.name}", "a part of it takes less")
 
 
 def _module(ending: str, file: Path) -> Any:

@@ -26,13 +26,14 @@ from ..errors import FormatError, SceneError
 from ..particles import FARTHEST, Copies, Labels, Particles, biomolecular_labels, to_scene
 from ..particles.boxes import Box
 from ..scene import Scene
-from . import COMPRESSED, LoadOptions
+from . import COMPRESSED, LoadOptions, require_memory
 from .text import TextFile, Trajectory, errors_name, frame_index
 
 NAME = "PDB, GRO"
 SUFFIXES = (".pdb", ".gro")
 OPTIONS = (*particles.OPTIONS, "assembly")
 BARE = True
+PARTS = True
 
 _logger = logging.getLogger(__name__)
 # Names of atoms, residues or chains that are told apart; the rest are called "X".
@@ -96,6 +97,8 @@ def _opened(path: Path, assembly: int | None) -> Iterator[Trajectory]:
                     return found
                 return replace(found, copies=records.copies(assembly, len(found.positions)))
 
+        if file.nsteps:
+            require_memory(path, copy.stat().st_size // file.nsteps)
         yield Trajectory(file.nsteps, at)
 
 

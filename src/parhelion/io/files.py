@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import FormatError, SceneError, plain
+from . import require_memory
 
 log = logging.getLogger("parhelion")
 
@@ -24,10 +25,13 @@ _TOLD = 50
 
 
 def contents(path: Path) -> bytes:
-    """The file's bytes, unpacked if its name ends in .gz. Raises FormatError, OSError."""
+    """The file's bytes, unpacked if its name ends in .gz. Raises FormatError, OSError, and
+    ResourceError if reading it would take more memory than is free.
+    """
     size = path.stat().st_size
     if size > _LARGEST:
         raise FormatError(f"{path}: is larger than {_LARGEST >> 30} GiB")
+    require_memory(path)
     data = path.read_bytes()
     if path.suffix.lower() != ".gz":
         return data

@@ -30,7 +30,7 @@ from ..scene import (
     Vec3,
 )
 from ..studio import axis, dressed, framing, is_dark, up_of
-from . import FORMATS, LoadOptions, Timeline, reading, resolved, source_of
+from . import FORMATS, LoadOptions, Timeline, reading, require_memory, resolved, source_of
 from .text import Trajectory
 
 if TYPE_CHECKING:
@@ -281,6 +281,7 @@ class _Animation(Frames):
         fps: float | None,
     ) -> None:
         self._file, self._file_source = file, source_of(file, options)
+        require_memory(file)
         with reading(file):
             self._timeline: Timeline = module.timeline(file, options)
         step, self.numbers = _times(file, self._timeline, frames, FPS if fps is None else fps)

@@ -19,18 +19,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import particles
-from ..errors import FormatError, SceneError, unknown_name
+from .. import memory, particles
+from ..errors import FormatError, ResourceError, SceneError, unknown_name
 from ..particles import FARTHEST, Labels, Particles, to_scene
 from ..particles.boxes import Box
 from ..particles.glyphs import Body, Glyphs, ball, faceted, polygon, polyhedron, union
 from ..scene import Scene
-from . import LoadOptions
+from . import COLUMN_TAKES, ROW_TAKES, LoadOptions
 from .text import Trajectory, errors_name, frame_index
 
 NAME = "GSD"
 SUFFIXES = (".gsd",)
 PACKED = False
+PARTS = True
 OPTIONS = particles.OPTIONS
 BARE = True
 
@@ -93,7 +94,7 @@ def _errors(path: Path) -> Iterator[None]:
     with errors_name(path):
         try:
             yield
-        except SceneError:
+        except (ResourceError, SceneError):
             raise
         except (KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
             reason = str(error).removesuffix(f": {path}")
@@ -111,6 +112,12 @@ def _particles(file: Any, frame: int) -> Particles:
                     raise SceneError(f"{name}: {error}") from None
         return None
 
+    number = chunk("particles/N")
+    if number is not None and number.size == 1:
+        there = [name for name in _FIELDS if file.chunk_exists(frame, name)]
+        takes = ROW_TAKES + COLUMN_TAKES * (3 + len(there))
+        count = int(number.item())
+        memory.require(count * takes, f"reading {count:,} particles", "fewer take less")
     positions = chunk("particles/position")
     if positions is None:
         raise SceneError(f"frame {frame} has no particles/position")

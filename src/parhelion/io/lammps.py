@@ -27,6 +27,7 @@ NAME = "LAMMPS dump"
 SUFFIXES = (".dump", ".lammpstrj")
 OPTIONS = particles.OPTIONS
 BARE = True
+PARTS = True
 
 # Columns of positions, best first: wrapped, unwrapped, and both as fractions of the box's edges.
 _POSITIONS = (("x", "y", "z"), ("xu", "yu", "zu"), ("xs", "ys", "zs"), ("xsu", "ysu", "zsu"))

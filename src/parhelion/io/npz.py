@@ -28,12 +28,13 @@ from ..particles import Labels, Particles, element_labels, linear, to_scene
 from ..particles.boxes import Box
 from ..particles.glyphs import Glyphs, named
 from ..scene import Scene
-from . import LoadOptions
+from . import LoadOptions, require_memory
 from .text import errors_name, frame_index
 
 NAME = "NumPy archive"
 SUFFIXES = (".npz",)
 PACKED = False
+PARTS = True
 OPTIONS = particles.OPTIONS
 BARE = True
 
@@ -122,6 +123,8 @@ def _arrays(archive: zipfile.ZipFile, size: int) -> dict[str, NDArray[Any]]:
         raise SceneError(
             f"unpacks to more than {_BOMB_RATIO} times its size, which no file of particles does"
         )
+    assert archive.filename is not None
+    require_memory(Path(archive.filename), unpacked)
     arrays = {}
     for name, member in wanted.items():
         with archive.open(member) as stream:

@@ -24,8 +24,10 @@ from typing import IO, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import memory
 from ..errors import FormatError, SceneError
 from ..particles import Labels, Particles
+from . import COLUMN_TAKES, ROW_TAKES
 
 # Bytes read at once; a block takes some twenty times as much while its columns are parsed.
 _BLOCK = 1 << 20
@@ -182,6 +184,11 @@ class TextFile:
         known: dict[int, dict[bytes, int]] = {column: {} for column in words}
         numeric = [column for column in range(len(names)) if column not in known]
         room = min(rows, self._most_rows(len(names)))
+        memory.require(
+            room * (ROW_TAKES + COLUMN_TAKES * len(names)),
+            f"reading {rows:,} {what} of {self.path.name}",
+            "fewer take less",
+        )
         numbers = {column: np.empty(room) for column in numeric}
         codes = {column: np.empty(room, np.int32) for column in words}
         read = 0

@@ -29,6 +29,7 @@ NAME = "XYZ"
 SUFFIXES = (".xyz", ".extxyz")
 OPTIONS = particles.OPTIONS
 BARE = True
+PARTS = True
 
 # More columns than any program writes; a count beyond it is a broken file.
 _MOST_COLUMNS = 1000

@@ -13,7 +13,7 @@ from urllib.parse import unquote
 import msgspec
 
 from ...errors import FormatError, SceneError
-from .. import LoadOptions
+from .. import TAKEN, LoadOptions, require_memory
 from ..files import Folders, Reports
 from . import schema
 
@@ -249,6 +249,7 @@ class Source:
             except (binascii.Error, ValueError) as error:
                 raise self.error(f"{where}: is no base64 text: {error}") from None
         path = self.file(uri, where)
+        require_memory(path, factor=TAKEN[".glb"])
         try:
             data = path.read_bytes()
         except OSError as error:

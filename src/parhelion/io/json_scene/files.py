@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import FormatError, SceneError
+from ...errors import FormatError, ResourceError, SceneError
 from ...tables import LARGEST
-from .. import files
+from .. import files, require_memory
 from ..meshes import MeshData
 from .document import Pixels, Stored
 from .messages import clip
@@ -58,6 +58,7 @@ class Folders(files.Folders):
             raise SceneError(f"{where}: {shown!r} cannot be read: {reason}") from None
         except Exception as error:  # a broken header may raise nearly anything
             raise SceneError(f"{where}: {shown!r} is no valid .npy file: {error}") from None
+        require_memory(file, factor=1.0)
         if array.ndim == 0 or array.shape[1:] not in shapes:
             wanted = " or ".join(
                 f"(N, {', '.join(map(str, shape))})" if shape else "(N,)" for shape in shapes
@@ -121,6 +122,8 @@ class Folders(files.Folders):
             data = reader.read(file, index) if ending == ".serialized" else reader.read(file)
         except FormatError as error:
             raise SceneError(f"{where}: {error}") from None
+        except ResourceError:
+            raise
         except OSError as error:
             reason = error.strerror or error
             raise SceneError(f"{where}: {shown!r} cannot be read: {reason}") from None

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ...atomic import replacing
 from ...errors import SceneError
+from .. import require_memory
 from .document import Arrays, Stored
 
 # Bytes; what computers read at a time, and the widest vector registers hold
@@ -65,6 +66,7 @@ def read(file: Path, said: Arrays, where: str) -> SideFile:
             f"{where}.bytes: is {said.bytes}, but {file.name!r} has {size}; it is not the file that"
             " this scene was written with, or not all of it"
         )
+    require_memory(file, factor=1.0)
     try:
         data = np.fromfile(file, np.uint8)
     except OSError as error:
