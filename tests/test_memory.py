@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import textwrap
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -358,3 +359,68 @@ def test_under_limits_of_the_system_there_are_errors_and_no_signals(limit: str) 
     assert ended.pop("0") == ended.pop("8") == "3"
     assert ended.pop("2000") == "5"
     assert set(ended.values()) <= {"3", "5"}
+
+
+@pytest.fixture
+def control_group() -> Iterator[Path]:
+    """The folder of a new control group, version 2, that processes can be moved into."""
+    root, own = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+    if not (root / "cgroup.controllers").is_file():
+        pytest.skip("no control groups of version 2 are mounted at /sys/fs/cgroup")
+    line = next((x for x in own.read_text().splitlines() if x.startswith("0::")), "0::/")
+    path = root / line.removeprefix("0::").lstrip("/")
+    # where there are processes, a group's children have no controllers, but at the root
+    around = [g for g in (path, *path.parents) if g.is_relative_to(root)]
+    handed = [g / "cgroup.subtree_control" for g in around]
+    parents = [f.parent for f in handed if f.is_file() and "memory" in f.read_text().split()]
+    if not parents:
+        pytest.skip("no group around this process hands on the memory controller")
+    group = parents[0] / f"parhelion-test-{os.getpid()}"
+    try:
+        group.mkdir()
+    except OSError as error:
+        pytest.skip(f"no control group can be made: {error.strerror}")
+    try:
+        if not os.access(group / "cgroup.procs", os.W_OK):
+            pytest.skip("processes cannot be moved into another control group")
+        yield group
+    finally:
+        group.rmdir()
+
+
+@LINUX
+def test_in_a_control_group_there_are_errors_and_no_signals(control_group: Path) -> None:
+    said = child(
+        f"""
+        import os
+        from pathlib import Path
+        import numpy as np
+        import parhelion as ph
+
+        group = Path({str(control_group)!r})
+        try:
+            (group / "cgroup.procs").write_text(str(os.getpid()))
+        except OSError as error:
+            print("not moved:", error.strerror)
+            raise SystemExit
+        rng = np.random.default_rng(1)
+        many = ph.Scene([ph.Spheres(rng.random((3_000_000, 3), np.float32), 0.001)])
+        one = ph.Scene([ph.Spheres([[0, 0, 0]], 1.0)])
+        ph.render(one, width=8, spp=1)  # loads what it needs
+        now = int((group / "memory.current").read_text())
+        (group / "memory.max").write_text(str(now + 48 * 2**20))
+        for scene, width in ((many, 8), (one, 8192), (one, 64)):
+            try:
+                ph.render(scene, width=width, height=width, spp=1)
+                print("done")
+            except ph.ResourceError as error:
+                print(error)
+        """
+    )
+    if said.startswith("not moved"):
+        pytest.skip(f"processes cannot be moved into another control group: {said.strip()}")
+    scene, picture, done = said.splitlines()
+    for line in (scene, picture):
+        assert line.startswith("not enough memory: ")
+        assert "are left to the control group; " in line
+    assert done == "done"
