@@ -59,6 +59,7 @@ def check_denoiser() -> None:
         ) from error
 
 
+@memory.told
 def denoised(
     light: NDArray[Any],
     albedo: NDArray[Any] | None = None,
