@@ -254,7 +254,7 @@ def test_bonds_of_no_length_are_left_out() -> None:
         ({}, {"style": "sticks"}, "unknown style 'sticks'.*ball-and-stick, licorice, spheres"),
         ({}, {"style": "spheres", "bond_length": 2}, "bond_length needs a style with bonds"),
         ({}, {"bond_length": -1}, "bond_length -1 is not a positive"),
-        ({}, {"bond_length": "long"}, "bond_length 'long' is not a positive"),
+        ({}, {"bond_length": "long"}, "bond_length is 'long'; must be a number"),
         ({"elements": None}, {}, "'ball-and-stick' needs bonds: .* give bond_length"),
         ({"bonds": np.array([[0, 1], [1, 3]])}, {}, "bond 1 is of particle 3; .* 0 to 2"),
         ({"bonds": np.array([[0, -1]])}, {}, "bond 0 is of particle -1"),

@@ -116,8 +116,10 @@ def _particles(file: Any, frame: int) -> Particles:
     if number is not None and number.size == 1:
         there = [name for name in _FIELDS if file.chunk_exists(frame, name)]
         takes = ROW_TAKES + COLUMN_TAKES * (3 + len(there))
-        count = int(number.item())
-        memory.require(count * takes, f"reading {count:,} particles", "fewer take less")
+        path = Path(file.name)
+        count = min(int(number.item()), path.stat().st_size // 12)  # a place takes so many
+        what = f"reading {count:,} particles of {path.name}"
+        memory.require(count * takes, what, "fewer take less")
     positions = chunk("particles/position")
     if positions is None:
         raise SceneError(f"frame {frame} has no particles/position")
