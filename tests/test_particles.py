@@ -672,7 +672,7 @@ BROKEN = [
     ),
     ("a.xyz", "1\nProperties=pos:R:3:Z:I:1\n1 2 3 150\n", "not atomic numbers"),
     ("a.xyz.gz", WATER, "broken .gz data"),
-    ("a.xyz.gz", gzip.compress(WATER.encode())[:-12], "broken .gz data"),
+    ("a.xyz.gz", gzip.compress(WATER.encode(), mtime=0)[:-12], "broken .gz data"),
     ("a.xyz.bz2", b"BZh9junkjunk", "broken .bz2 data"),
     ("a.xyz.xz", b"\xfd7zXZ\0junkjunk", "broken .xz data"),
     # LAMMPS
@@ -834,7 +834,7 @@ def test_pdb_and_gro_in_small(tmp_path: Path) -> None:
 SEEDS = {
     "a.xyz": (WATER + EXTENDED).encode(),
     "a.dump": (DUMP + DUMP).encode(),
-    "a.xyz.gz": gzip.compress((WATER * 3).encode()),
+    "a.xyz.gz": gzip.compress((WATER * 3).encode(), mtime=0),
 }
 
 
