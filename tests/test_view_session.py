@@ -353,7 +353,7 @@ def test_another_scene_takes_its_place(session: Session) -> None:
         (ph.Camera((0, 0, float("nan")), (0, 0, 0)), "camera"),
         (ph.Camera((0, 0, 4), (0, 0, 0), vfov=180.0), "camera: vfov is 180"),
         (ph.Camera((0, 0, 4), (0, 0, 0), projection="cubist"), "cubist"),
-        (ph.Camera(("x", 0, 4), (0, 0, 0)), "camera: eye is 'x'; must be a number"),
+        (ph.Camera(("x", 0, 4), (0, 0, 0)), r"camera: eye is \('x', 0, 4\); must be three"),
         (None, "a Camera is needed, not NoneType"),
     ],
 )
