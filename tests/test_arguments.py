@@ -76,6 +76,8 @@ CASES: list[tuple[str, Callable[[Any], object], str, tuple[str, ...]]] = [
     ("prepare memory_limit", lambda v: ph.prepare(ph.weekend(), memory_limit=v),
      "memory_limit is .*; must be a number of bytes", ("None", "3")),
     ("scene_of thing", ph.scene_of, "an object of type|no such file|particle|positions", ()),
+    ("merge parts", ph.merge, "parts: there are none|parts: a list of files is needed", ()),
+    ("render shard", render("shard"), "shard needs checkpoint", ("None",)),
     ("rerender path", ph.rerender, "path: a path is needed, not", ("'x'",)),
     ("save scene", lambda v: ph.save(v, "a.glb"), "scene: a Scene is needed, not", ()),
     ("save path", lambda v: ph.save(ph.weekend(), v), "path: a path is needed, not", ("'x'",)),

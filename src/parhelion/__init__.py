@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .image import Image
     from .io import LoadOptions, load
     from .io.frames import load_frames
+    from .merging import merge
     from .objects import frames_of, scene_of
     from .orbit import turntable
     from .pixel import LightSample, PathVertex, PixelPath, trace_pixel
@@ -60,6 +61,7 @@ _HOMES = {
     "LoadOptions": "io",
     "load": "io",
     "load_frames": "io.frames",
+    "merge": "merging",
     "save": "saving",
     "rerender": "provenance",
     "scene_of": "objects",
@@ -128,6 +130,7 @@ __all__ = [
     "frames_of",
     "load",
     "load_frames",
+    "merge",
     "prepare",
     "render",
     "rerender",

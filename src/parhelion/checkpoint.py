@@ -2,7 +2,8 @@
 
 A ZIP archive, stored: checkpoint.json (what is rendered, and how far it is), and the core's memory
 as it is in this build: `done`, `targets`, `pixels`, `features`, `prefixes`. ZIP's checksums tell a
-damaged one.
+damaged one. Of a shard there are the pixels of its own blocks alone, row by row, and picture.json:
+what merge() has to know of the scene besides.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from __future__ import annotations
 import json
 import os
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,16 +25,24 @@ from .progressive import Spent
 from .scene import Camera, Settings
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from .flatten import Flat
     from .progressive import Rendering
 
-_FORMAT = 1
-_HEADER = "checkpoint.json"
-# No header of ours is longer
-_LONGEST = 1 << 20
+FORMAT = 2
+HEADER, PICTURE = "checkpoint.json", "picture.json"
+# No header of ours is longer; names of a million shapes are not
+_LONGEST = {HEADER: 1 << 20, PICTURE: 1 << 28}
 
 
-def identity(flat: Flat, camera: Camera, settings: Settings, features: bool) -> dict[str, Any]:
+def identity(
+    flat: Flat,
+    camera: Camera,
+    settings: Settings,
+    features: bool,
+    shard: tuple[int, int] | None = None,
+) -> dict[str, Any]:
     """All that the samples depend on, by what it is called in messages."""
     from . import __version__, _core
 
@@ -44,24 +55,35 @@ def identity(flat: Flat, camera: Camera, settings: Settings, features: bool) -> 
         "scene": flat.sha256(),
         "camera": json.loads(json.dumps(asdict(camera), default=float)),
         "features": features,
+        "shard": None if shard is None else "{}/{}".format(*shard),
         **json.loads(json.dumps(of_samples, default=float)),
     }
 
 
-def save(path: str | os.PathLike[str], rendering: Rendering, made_of: dict[str, Any]) -> None:
+def save(
+    path: str | os.PathLike[str],
+    rendering: Rendering,
+    made_of: dict[str, Any],
+    picture: dict[str, Any] | None = None,
+) -> None:
     """Writes how far a rendering is. A file that was there stays whole until this one is complete.
 
-    made_of: its identity(). Raises ResourceError for what the system refuses.
+    made_of: its identity(). picture: of a shard, what else there is to know; JSON. Raises
+    ResourceError for what the system refuses.
     """
     file = Path(path)
     header = {
-        "format": _FORMAT,
+        "format": FORMAT,
         "identity": made_of,
         "spent": asdict(rendering.spent),
+        "spp": rendering.goal.spp,
     }
+    own = own_pixels(rendering.film, rendering.goal.blocks)
     with replacing(file) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        archive.writestr(_HEADER, json.dumps(header))
-        for name, values in _memory(rendering).items():
+        archive.writestr(HEADER, json.dumps(header))
+        if picture is not None:
+            archive.writestr(PICTURE, json.dumps(picture))
+        for name, values in _memory(rendering, own).items():
             with archive.open(name, "w", force_zip64=True) as member:
                 member.write(values.data)
 
@@ -73,7 +95,7 @@ def check_new(path: str | os.PathLike[str]) -> None:
         return
     try:
         with zipfile.ZipFile(file) as archive:
-            archive.getinfo(_HEADER)
+            archive.getinfo(HEADER)
     except (OSError, KeyError, ValueError, zipfile.BadZipFile):
         raise SceneError(f"{file}: is there already, and is no checkpoint") from None
     raise SceneError(
@@ -89,18 +111,25 @@ def resume(path: str | os.PathLike[str], rendering: Rendering, made_of: dict[str
     what differs, for one of another picture.
     """
     file = Path(path)
+    with reading(file) as archive:
+        header = text(archive, HEADER)
+        _check_identity(file, header, made_of)
+        own = own_pixels(rendering.film, rendering.goal.blocks)
+        for name, values in _cells(rendering).items():
+            fill(archive, name, values)
+        for name, values in of_film(rendering.film).items():
+            fill(archive, name, values, own)
+        rendering.spent = Spent(**header["spent"])
+
+
+@contextmanager
+def reading(file: Path) -> Iterator[zipfile.ZipFile]:
+    """A checkpoint to read from. What goes wrong in the block, as with a file that is none or a
+    damaged one, is a FormatError that names it; a SceneError stays what it is.
+    """
     try:
         with zipfile.ZipFile(file) as archive:
-            if archive.getinfo(_HEADER).file_size > _LONGEST:
-                raise ValueError
-            header = json.loads(archive.read(_HEADER))
-            _check_identity(file, header, made_of)
-            memory = _memory(rendering)
-            for name, values in memory.items():
-                if archive.getinfo(name).file_size != values.nbytes:
-                    raise ValueError
-                _fill(archive, name, values)
-            rendering.spent = Spent(**header["spent"])
+            yield archive
     except SceneError:
         raise
     except OSError as error:
@@ -109,9 +138,16 @@ def resume(path: str | os.PathLike[str], rendering: Rendering, made_of: dict[str
         raise FormatError(f"{file}: is no checkpoint, or a damaged one") from error
 
 
+def text(archive: zipfile.ZipFile, name: str) -> Any:
+    """A member that is JSON."""
+    if archive.getinfo(name).file_size > _LONGEST[name]:
+        raise ValueError
+    return json.loads(archive.read(name))
+
+
 def _check_identity(file: Path, header: Any, made_of: dict[str, Any]) -> None:
     """Raises SceneError for a checkpoint of another picture."""
-    if header["format"] != _FORMAT:
+    if header["format"] != FORMAT:
         raise SceneError(f"{file}: is of another version of Parhelion")
     begun = header["identity"]
     differing = [name for name in made_of if begun[name] != made_of[name]]
@@ -147,15 +183,52 @@ def _told(value: Any) -> str:
     return str(value) if not isinstance(value, dict) else json.dumps(value)
 
 
-def _memory(rendering: Rendering) -> dict[str, Any]:
-    """What is stored, as flat arrays of bytes that can be read and written, by name."""
+def own_pixels(film: Any, blocks: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    """Which pixels of a film lie in some blocks, row by row; None for all."""
+    from . import _core
+
+    if blocks is None:
+        return None
+    by_pixel = blocks.repeat(_core.block, axis=0).repeat(_core.block, axis=1)
+    return by_pixel[: film.height, : film.width].reshape(-1)
+
+
+def _memory(rendering: Rendering, own: NDArray[np.bool_] | None) -> dict[str, Any]:
+    """What is stored, as flat arrays of bytes, by name; of the film, some pixels only."""
+    seen = of_film(rendering.film)
+    if own is not None:
+        seen = {name: _by_pixel(values, own)[own].reshape(-1) for name, values in seen.items()}
+    return _cells(rendering) | seen
+
+
+def _cells(rendering: Rendering) -> dict[str, Any]:
+    """How far the cells are, as flat arrays of bytes."""
     done, targets = (a.reshape(-1).view(np.uint8) for a in (rendering.done, rendering.targets))
-    films = zip(("pixels", "features", "prefixes"), rendering.film.memory(), strict=True)
-    return {"done": done, "targets": targets, **dict(films)}
+    return {"done": done, "targets": targets}
 
 
-def _fill(archive: zipfile.ZipFile, name: str, values: Any) -> None:
-    """Reads a member to its end, where its checksum is looked at."""
+def of_film(film: Any) -> dict[str, Any]:
+    """A film's memory, as flat arrays of bytes that can be written to, by name."""
+    return dict(zip(("pixels", "features", "prefixes"), film.memory(), strict=True))
+
+
+def _by_pixel(values: Any, own: NDArray[np.bool_]) -> Any:
+    """The same array with a row for each pixel."""
+    return values.reshape(own.size, values.size // own.size)
+
+
+def fill(
+    archive: zipfile.ZipFile, name: str, values: Any, own: NDArray[np.bool_] | None = None
+) -> None:
+    """Reads a member to its end, where its checksum is looked at. own: it has those pixels only."""
+    if own is not None:
+        rows = _by_pixel(values, own)
+        some = np.empty((int(own.sum()), rows.shape[1]), np.uint8)
+        fill(archive, name, some.reshape(-1))
+        rows[own] = some
+        return
+    if archive.getinfo(name).file_size != values.nbytes:
+        raise ValueError
     with archive.open(name) as member:
         at = 0
         while piece := member.read(1 << 24):

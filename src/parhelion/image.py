@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from .scene import Camera, ColorBar, Settings, Source, Swatches
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .flatten import Flat
 
 log = logging.getLogger("parhelion")
 
@@ -106,6 +105,18 @@ class RenderStats:
         return self.ended != "stopped"
 
 
+class KnownScene(Protocol):
+    """What a picture tells of its scene."""
+
+    @property
+    def shape_names(self) -> list[str]: ...
+    @property
+    def material_names(self) -> list[str]: ...
+    @property
+    def object_names(self) -> list[str]: ...
+    def sha256(self) -> str: ...
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Image:
     """pixels: (H, W, 3) float32, linear Rec. 709. counts: (H, W) samples in each pixel.
@@ -133,7 +144,7 @@ class Image:
     stats: RenderStats
     settings: Settings
     camera: Camera
-    flat: Flat
+    flat: KnownScene
     features: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     legend: ColorBar | Swatches | None = None
     source: Source | None = None

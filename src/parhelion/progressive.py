@@ -42,13 +42,15 @@ MOST_SAMPLES = 1 << 24
 class Goal:
     """When to stop, whichever is first. spp: samples per pixel. noise: what no cell's error may be
     above, or None. deadline: as of time.perf_counter(), or None. counts: samples of each pixel,
-    (H, W) uint32, in the place of spp and noise.
+    (H, W) uint32, in the place of spp and noise. blocks: which of the film's are rendered, (blocks
+    down, blocks across) bool, None for all; their noise cannot be told without the others.
     """
 
     spp: int
     noise: float | None = None
     deadline: float | None = None
     counts: NDArray[np.uint32] | None = None
+    blocks: NDArray[np.bool_] | None = None
 
     @property
     def first_round(self) -> int:
@@ -87,7 +89,10 @@ class Rendering:
         self.film, self.goal = film, goal
         if goal.counts is None:
             self.areas = cell_areas(film)
-            self.targets = np.full(self.areas.shape, goal.first_round, np.uint32)
+            if goal.blocks is not None:
+                self.areas *= np.repeat(goal.blocks, 2, axis=0)
+            self.targets = np.zeros(self.areas.shape, np.uint32)
+            self._aim(goal.first_round)
         else:
             self.areas = np.ones(goal.counts.shape, np.int64)
             self.targets = goal.counts
@@ -113,7 +118,7 @@ class Rendering:
         """
         goal, self._report, self._ended = self.goal, report, None
         if goal.counts is None:  # a resumed one may have another goal than it began with
-            self.targets = np.clip(self.targets, goal.first_round, goal.spp).astype(np.uint32)
+            self._aim(goal.spp)
         watched = bool(report or self._save or goal.deadline is not None)
         size = 1 if watched else goal.spp
         while self._ended is None:
@@ -133,6 +138,13 @@ class Rendering:
             else:
                 self._look(goal.noise)
         return self._ended
+
+    def _aim(self, most: int) -> None:
+        """Sets targets at which the next decision can be made, none above `most`."""
+        targets = np.clip(self.targets, self.goal.first_round, most).astype(np.uint32)
+        if self.goal.blocks is not None:
+            targets *= np.repeat(self.goal.blocks, 2, axis=0)
+        self.targets = targets
 
     def _look(self, noise: float) -> None:
         """Tells the error, and sets new targets or, where nothing is left to do, ends it."""
@@ -255,8 +267,8 @@ def block_errors(film: Any) -> NDArray[np.float64]:
     areas = cell_areas(film)
     down, across = areas.shape
     by_rows = (down // 2, 2, across)
-    areas = areas.reshape(by_rows)
-    own = (film.errors().reshape(by_rows) * areas).sum(axis=1) / areas.sum(axis=1)
+    own = _weighted(film, areas).reshape(by_rows).sum(axis=1)
+    own /= areas.reshape(by_rows).sum(axis=1)
     padded = np.pad(own, 1, mode="edge")
     around = sum(padded[i : i + down // 2, j : j + across] for i in range(3) for j in range(3)) / 9
     errors: NDArray[np.float64] = CONFIDENCE * np.sqrt(np.maximum(own, around))
@@ -266,4 +278,11 @@ def block_errors(film: Any) -> NDArray[np.float64]:
 def picture_error(film: Any) -> float:
     """The root mean square of block_errors() without the surroundings, over all pixels."""
     areas = cell_areas(film)
-    return float(CONFIDENCE * np.sqrt((film.errors() * areas).sum() / areas.sum()))
+    return float(CONFIDENCE * np.sqrt(_weighted(film, areas).sum() / areas.sum()))
+
+
+def _weighted(film: Any, areas: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Mean squared errors times areas; cells without pixels have none, not even an infinite one."""
+    told = film.errors()
+    weighted: NDArray[np.float64] = np.multiply(told, areas, np.zeros_like(told), where=areas > 0)
+    return weighted

@@ -68,7 +68,7 @@ class Record:
             )
         source = self.source
         try:
-            options = _tuples(source.options)
+            options = tuples(source.options)
             if source.path is None:
                 return weekend(**options)
             read_as = LoadOptions(**options)
@@ -94,8 +94,8 @@ def record(path: str | os.PathLike[str]) -> Record:
     try:
         if "parhelion:settings" not in told:  # JPEG has a description alone
             told = json.loads(told["ImageDescription"])
-        settings = Settings(**_tuples(json.loads(told["parhelion:settings"])))
-        camera = Camera(**_tuples(json.loads(told["parhelion:camera"])))
+        settings = Settings(**tuples(json.loads(told["parhelion:settings"])))
+        camera = Camera(**tuples(json.loads(told["parhelion:camera"])))
         width, height = settings.size
         counts: Any = int(told["parhelion:samples"]) // (width * height)
         if COUNTS in told:
@@ -120,7 +120,7 @@ def record(path: str | os.PathLike[str]) -> Record:
             scene_hash=told["parhelion:scene"],
             build=told["parhelion:build"],
             source=None if source is None else Source(**source),
-            hidden={int(i): str(name) for i, name in _tuples(json.loads(hidden)).items()},
+            hidden={int(i): str(name) for i, name in tuples(json.loads(hidden)).items()},
             features="shape" in file.layers,
             denoised="parhelion:denoised" in told,
             save={
@@ -199,7 +199,7 @@ def _whole(image: Image) -> Progress:
     return Progress(stats.samples, stats.samples, stats.rays, stats.seconds, stats.error)
 
 
-def _tuples(values: Any) -> dict[str, Any]:
+def tuples(values: Any) -> dict[str, Any]:
     """A JSON object with tuples in the place of lists. Raises TypeError for anything else."""
     if not isinstance(values, dict):
         raise TypeError

@@ -6,17 +6,17 @@ import logging
 import os
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import arguments, cryptomatte, machine, memory, tables
+from . import arguments, cryptomatte, machine, memory, shards, tables
 from . import checkpoint as checkpoints
 from .errors import ResourceError, SceneError, option, unknown_name
 from .flatten import Flat, flatten
 from .framing import placed
-from .image import Image, RenderStats, check_place
+from .image import Image, KnownScene, RenderStats, check_place
 from .progress import ProgressCallback, bar
 from .progressive import (
     MOST_SAMPLES,
@@ -115,6 +115,7 @@ def render(
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = CHECKPOINT_SECONDS,
     resume: bool = False,
+    shard: tuple[int, int] | None = None,
     tree: str = "bvh",
     schedule: str = "dynamic",
     tile: int = 16,
@@ -140,6 +141,10 @@ def render(
     noise or more time further than that. It must be of the same scene, camera and settings, and of
     the same build of Parhelion.
 
+    shard: (1, 4) renders the first of four parts of the picture, which machines that know nothing
+    of each other can make; its checkpoint is what merge() makes the picture of. Other pixels are
+    black. It needs a checkpoint, and has no noise.
+
     threads: 0 takes every core. progress: True shows a bar on stderr; a function is called with a
     Progress some times a second, and what it returns, if true, stops the rendering.
 
@@ -160,7 +165,7 @@ def render(
     start, limit = time.perf_counter(), memory_limit
     prepared = scene if isinstance(scene, Prepared) else prepare(scene, memory_limit=limit)
     endless = settings.get("noise") is not None or time_limit is not None
-    if endless and settings.get("spp") is None:
+    if endless and shard is None and settings.get("spp") is None:
         settings = {**settings, "spp": MOST_SAMPLES}
     wanted = merged(prepared.scene.settings, settings)
     seen = prepared.scene if camera is None else prepared.scene.replace(camera=camera)
@@ -179,6 +184,7 @@ def render(
         raise SceneError(f"{option('resume')} needs {option('checkpoint')}")
     if checkpoint is not None:
         check_place(arguments.path("checkpoint", checkpoint))
+    shard, blocks = _shard(shard, wanted, checkpoint, counts)
     view = make_view(prepared, view_camera, wanted, tree=tree == "bvh")
     x, y, width, height = wanted.crop or (0, 0, wanted.width, wanted.height)
     wanted_counts = None if counts is None else _counts(counts, height, width, checkpoint)
@@ -189,7 +195,7 @@ def render(
     memory.note_threads(work.threads)
     deadline = None if seconds is None else start + seconds
     if wanted_counts is None:
-        goal = Goal(wanted.spp, wanted.noise, deadline)
+        goal = Goal(wanted.spp, wanted.noise, deadline, blocks=blocks)
     else:
         goal = Goal(int(wanted_counts.max()), None, deadline, wanted_counts)
     try:
@@ -200,29 +206,32 @@ def render(
             if checkpoint is None:
                 ended = rendering.run(report)
             else:
-                made_of = checkpoints.identity(prepared.flat, view_camera, wanted, features)
-                ended = _checkpointed(rendering, report, checkpoint, interval, resume, made_of)
-        pixels, counts, bad = film.arrays()
-        seen_features = _features(film, prepared, pixels) if features else {}
-        if errors:
-            seen_features |= _noise(film, counts)
+                made_of = checkpoints.identity(prepared.flat, view_camera, wanted, features, shard)
+                told = None if shard is None else _told_shard(prepared, features, work)
+                ended = _checkpointed(
+                    rendering, report, checkpoint, interval, resume, made_of, told
+                )
+        stats = RenderStats(
+            seconds=rendering.spent.seconds,
+            samples=rendering.spent.samples,
+            rays=rendering.spent.rays,
+            threads=work.threads,
+            isa=work.isa or _core.instruction_set(),
+            ended=ended,
+            error=known if errors and np.isfinite(known := picture_error(film)) else None,
+            build_seconds=prepared.seconds,
+        )
+        names = prepared.flat if features else None
+        pixels, counts, bad, seen_features = developed(
+            film, names, prepared.core.stats()["scale"], errors
+        )
     except MemoryError as error:
         raise ResourceError(f"not enough memory for a picture of {width}x{height}") from error
     missing = int((counts == 0).sum())
-    if missing and wanted_counts is None:
+    if missing and wanted_counts is None and shard is None:
         log.warning("%d pixels have no sample yet, and are black", missing)
     if bad.any():
         _report_bad(prepared, view, wanted, counts, bad)
-    stats = RenderStats(
-        seconds=rendering.spent.seconds,
-        samples=rendering.spent.samples,
-        rays=rendering.spent.rays,
-        threads=work.threads,
-        isa=work.isa or _core.instruction_set(),
-        ended=ended,
-        error=known if errors and np.isfinite(known := picture_error(film)) else None,
-        build_seconds=prepared.seconds,
-    )
     return Image(
         pixels,
         counts,
@@ -234,6 +243,22 @@ def render(
         prepared.scene.legend,
         prepared.scene.source,
     )
+
+
+def developed(
+    film: Any, names: KnownScene | None, scale: float, errors: bool
+) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.uint32], dict[str, Any]]:
+    """What a film has seen: Image.pixels, Image.counts, how many samples of each pixel were not
+    finite, Image.features.
+
+    names: of the scene, if the film has features. scale: of the core's lengths over the scene's.
+    errors: whether the film tells them.
+    """
+    pixels, counts, bad = film.arrays()
+    seen = {} if names is None else _features(film, names, scale, pixels)
+    if errors:
+        seen |= _noise(film, counts)
+    return pixels, counts, bad, seen
 
 
 def merged(base: Settings, changes: dict[str, Any]) -> Settings:
@@ -410,12 +435,13 @@ def _checkpointed(
     interval: float,
     resume: bool,
     made_of: dict[str, Any],
+    picture: dict[str, Any] | None,
 ) -> str:
-    """Runs a rendering that others can go on with. Returns what ended it."""
+    """Runs a rendering that others can go on with. Returns what ended it. See checkpoint.save()."""
 
     def save() -> None:
         try:
-            checkpoints.save(file, rendering, made_of)
+            checkpoints.save(file, rendering, made_of, picture)
         except ResourceError as error:  # the disk may have room again before the next one
             log.warning("%s; rendering goes on", error)
 
@@ -429,17 +455,53 @@ def _checkpointed(
     return ended
 
 
-def surface_features(film: Any, core: Any, pixels: Any) -> dict[str, Any]:
+def _shard(
+    shard: Any, wanted: Settings, checkpoint: Any, counts: Any
+) -> tuple[tuple[int, int] | None, NDArray[np.bool_] | None]:
+    """A shard, checked, and its blocks. Raises SceneError for what cannot be a shard's."""
+    if shard is None:
+        return None, None
+    if counts is not None:
+        raise SceneError("counts: a shard has as many samples in all its pixels")
+    if checkpoint is None:
+        raise SceneError(f"{option('shard')} needs {option('checkpoint')}, the file to merge")
+    if wanted.noise is not None:
+        raise SceneError(
+            f"{option('noise')}: a shard does not know the noise of the others; give"
+            f" {option('spp')}"
+        )
+    found = shards.checked_shard(shard)
+    return found, shards.blocks_of(found, *wanted.size)
+
+
+def _told_shard(prepared: Prepared, features: bool, work: Work) -> dict[str, Any]:
+    """What a shard's file tells besides what its samples depend on, as JSON; merge() reads it."""
+    from . import _core
+
+    scene, flat = prepared.scene, prepared.flat
+    names = ("shape_names", "material_names", "object_names")
+    return {
+        "names": {name: getattr(flat, name) if features else [] for name in names},
+        "scale": prepared.core.stats()["scale"],
+        "legend": None if scene.legend is None else asdict(scene.legend),
+        "source": None if scene.source is None else asdict(scene.source),
+        "threads": work.threads,
+        "isa": work.isa or _core.instruction_set(),
+        "build_seconds": prepared.seconds,
+    }
+
+
+def surface_features(film: Any, scale: float, pixels: Any) -> dict[str, Any]:
     """Image.features of a film and its means, without Cryptomattes."""
-    seen: dict[str, Any] = film.features(1.0 / core.stats()["scale"])
+    seen: dict[str, Any] = film.features(1.0 / scale)
     seen["indirect"] = np.maximum(pixels - (seen["emission"] + seen["direct"]), 0.0)
     return seen
 
 
-def _features(film: Any, prepared: Prepared, pixels: Any) -> dict[str, Any]:
+def _features(film: Any, names: KnownScene, scale: float, pixels: Any) -> dict[str, Any]:
     """What the film of a picture has seen besides its light; see Image.features."""
-    seen = surface_features(film, prepared.core, pixels)
-    named = prepared.flat.shape_names, prepared.flat.material_names
+    seen = surface_features(film, scale, pixels)
+    named = names.shape_names, names.material_names
     ids = ([cryptomatte.matte_id(name) for name in names] for names in named)
     mattes = film.mattes(*(np.array(bits, np.uint32) for bits in ids))
     return seen | dict(zip(cryptomatte.LAYERS, mattes, strict=True))

@@ -20,9 +20,9 @@ from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import ParhelionError, spelled
-from . import compare, convert, image, info, pixel, render, rerender, study, view
+from . import compare, convert, image, info, merge, pixel, render, rerender, study, view
 
-COMMANDS = (render, view, rerender, convert, image, compare, info, pixel, study)
+COMMANDS = (render, view, merge, rerender, convert, image, compare, info, pixel, study)
 
 EXIT_MISTAKE = 2
 EXIT_INTERRUPTED = 130

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import memory
-from ..errors import SceneError
+from ..errors import SceneError, option
 from . import options
 from .watch import Watch
 
@@ -149,6 +149,14 @@ def _add_work(p: argparse.ArgumentParser) -> None:
         help="go on from the checkpoint, if it is there; also with a larger --spp, less --noise or"
         " more time than before",
     )
+    long.add_argument(
+        "--shard",
+        type=_shard,
+        metavar="I/N",
+        help="only the I-th of N parts of the picture, which as many machines make that know"
+        " nothing of each other: a file NAME.part, which --resume goes on from and `parhelion"
+        " merge` takes; of a sequence, every N-th picture, from the I-th on",
+    )
     options.add_display(p)
     sequence = p.add_argument_group("sequences of pictures")
     sequence.add_argument(
@@ -236,6 +244,8 @@ def run(args: argparse.Namespace) -> int:
             from . import sequences
 
             return sequences.run(args, output, settings)
+        if args.shard is not None:
+            return _part(args, settings, begun)
         return _picture(args, output, settings, begun)
 
 
@@ -291,6 +301,58 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any], be
     noise = " and is not denoised" if image.stats.complete else ""
     has = f"{output} has {image.told_spp()}{error}{noise}"
     print(f"parhelion: stopped; {has}; {hint}", file=sys.stderr)
+    return 130
+
+
+# What is decided when there is a whole picture
+_OF_PICTURES = ("bits", "compression", "tiled", "exposure", "view_transform", "white_balance")
+
+
+def _part(args: argparse.Namespace, settings: dict[str, Any], begun: float) -> int:
+    """Renders a shard of a picture to a file for `parhelion merge`."""
+    from ..renderer import prepare, render
+    from ..shards import ENDING
+
+    index, count = args.shard
+    output = args.output or f"{_stem(args.scene)}.{index}-of-{count}{ENDING}"
+    if not output.lower().endswith(ENDING):
+        raise SceneError(
+            f"{output}: {option('shard')} makes a file {ENDING}, of which `parhelion merge` makes"
+            " the picture"
+        )
+    for name in ("fps", "skip_existing", "checkpoint"):
+        if getattr(args, name) != args.default_of(name):
+            raise SceneError(f"{option(name)} is not for a shard, whose file is its checkpoint")
+    for name in ("denoise", "legend", *_OF_PICTURES):
+        if getattr(args, name) != args.default_of(name):
+            raise SceneError(f"{option(name)} is for whole pictures; give it to `parhelion merge`")
+    if args.checkpoint_every is not None:
+        settings["checkpoint_every"] = args.checkpoint_every
+    if args.time_limit is not None:
+        settings["time_limit"] = rendering_seconds(args, (0, 0), begun)
+    watch = Watch()
+    with options.naming(args):
+        scene = prepare(options.load_scene(args))
+    with options.naming(args, "camera:"), watch.watching(args.quiet):
+        image = render(
+            scene,
+            progress=watch,
+            shard=args.shard,
+            checkpoint=output,
+            resume=args.resume,
+            **settings,
+        )
+    own = image.counts[image.counts > 0]
+    least = int(own.min()) if own.size else 0
+    if image.stats.ended == "spp":
+        if not args.quiet:
+            print(f"{output}: shard {index}/{count}, {_took(image)}", file=sys.stderr)
+        return 0
+    print(
+        f"parhelion: stopped; {output} has {least} of {image.settings.spp} spp; the same command"
+        " with --resume goes on from it",
+        file=sys.stderr,
+    )
     return 130
 
 
@@ -353,13 +415,18 @@ def _stem(scene: str | None) -> str:
 
 
 def _summary(image: Image) -> str:
+    stats, (height, width) = image.stats, image.pixels.shape[:2]
+    error = "" if stats.error is None else f", error {100 * stats.error:.2g} %"
+    return f"{width}x{height}, {image.told_spp()}{error} in {_took(image)}"
+
+
+def _took(image: Image) -> str:
     from ..progress import si
 
-    stats, (height, width) = image.stats, image.pixels.shape[:2]
+    stats = image.stats
     seconds = max(stats.seconds, 1e-6)
-    error = "" if stats.error is None else f", error {100 * stats.error:.2g} %"
     return (
-        f"{width}x{height}, {image.told_spp()}{error} in {stats.seconds:.2f} s"
+        f"{stats.seconds:.2f} s"
         f" ({si(stats.samples / seconds)}samples/s, {si(stats.rays / seconds)}rays/s,"
         f" {stats.threads} thread{'s' * (stats.threads != 1)}, {stats.isa})"
     )
@@ -375,6 +442,16 @@ def seconds(text: str) -> float:
     if not 0 < number < math.inf:
         raise argparse.ArgumentTypeError(f"{text!r}: a time such as 90, 90s, 15m or 2h is needed")
     return number
+
+
+def _shard(text: str) -> tuple[int, int]:
+    index, slash, count = text.partition("/")
+    try:
+        if slash:
+            return int(index), int(count)
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"{text!r}: I/N is needed, such as 1/4 for the first of four")
 
 
 def _color(text: str) -> tuple[float, float, float]:

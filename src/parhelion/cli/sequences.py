@@ -40,12 +40,15 @@ def run(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
     """Writes whole pictures only; 130 if it was stopped."""
     from ..io.frames import checked_fps
     from ..sequence import FILM, check_sequence, is_there, numbered, opened
+    from ..shards import checked_shard
 
     film = output.lower().endswith(FILM)
     if args.turntable is not None and args.frames is not None:
         raise SceneError("--turntable and --frames are two sequences; give one of them")
     if args.checkpoint is not None or args.checkpoint_every is not None or args.resume:
         raise SceneError("--checkpoint and --resume are for one picture, not for a sequence")
+    if film and args.shard is not None:
+        raise SceneError(f"{output}: a film is made in one piece, so --shard is for pictures")
     if film and args.skip_existing:
         pictures = f"{Path(output).stem}.####.png"
         raise SceneError(
@@ -72,9 +75,13 @@ def run(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
         return is_there(file, series.size, notes(k), args.legend)
 
     places: Sequence[int] = range(len(series.numbers))
+    if args.shard is not None:
+        index, count = checked_shard(args.shard)
+        places = places[index - 1 :: count]
+    asked = len(places)
     if args.skip_existing:
         places = [k for k in places if not is_done(k)]
-    watch.count, there = len(places), len(series.numbers) - len(places)
+    watch.count, there = len(places), asked - len(places)
     try:
         with (
             opened(output, fps=series.fps, **to_write) as taker,
@@ -166,6 +173,7 @@ _NOT_MADE_OF = {
         "memory_limit",
         "turntable",
         "frames",
+        "shard",
         "fps",
         "allow_paths",
         "strict",

@@ -755,7 +755,7 @@ class Session:
         pixels, counts, _bad = drawing.film.arrays()
         features: dict[str, Any] = {}
         if request.features:
-            features = surface_features(drawing.film, self._core, pixels)
+            features = surface_features(drawing.film, self._core.stats()["scale"], pixels)
         error, of_blocks = None, None
         if drawing.scale == 1.0 and drawing.done > 1:
             of_blocks = block_errors(drawing.film)
