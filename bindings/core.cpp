@@ -578,6 +578,12 @@ std::tuple<u64, u64, bool> render(Film& film, const Scene& scene, const RenderVi
   return {result.samples, result.rays, result.complete};
 }
 
+// Film::begin and Film::add; samples of each pixel.
+void begin(Film& film, const Counts& counts) { film.begin({counts.data(), counts.size()}); }
+void add_part(Film& film, const Film& part, const Counts& begun) {
+  film.add(part, {begun.data(), begun.size()});
+}
+
 // Film::errors, (cells down, cells across).
 nb::object film_errors(const Film& film) {
   if (film.prefixes.empty()) throw SceneError("the film was made without errors");
@@ -833,10 +839,14 @@ NB_MODULE(_core, m) {
         "integrator"_a, "ao_distance"_a, "backdrop"_a.none(), "clamp_indirect"_a = 0.0);
 
   nb::class_<Film>(m, "Film", "The sums of a rectangle of the picture.")
-      .def(nb::init<u32, u32, u32, u32, bool, bool, u32>(), "x"_a, "y"_a, "width"_a, "height"_a,
-           "features"_a = false, "errors"_a = false, "first"_a = 0)
+      .def(nb::init<u32, u32, u32, u32, bool, bool>(), "x"_a, "y"_a, "width"_a, "height"_a,
+           "features"_a = false, "errors"_a = false)
       .def("render", &render, "scene"_a, "view"_a, "targets"_a, nb::kw_only(), "threads"_a,
            "tile"_a, "schedule"_a, "isa"_a, "tick"_a.none())
+      .def("begin", &begin, "counts"_a)
+      .def("add", &add_part, "part"_a, "begun"_a)
+      .def_ro("x", &Film::x)
+      .def_ro("y", &Film::y)
       .def_ro("width", &Film::width)
       .def_ro("height", &Film::height)
       .def("errors", &film_errors)

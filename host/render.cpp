@@ -10,17 +10,82 @@
 #include <mutex>
 #include <stdexcept>
 
+#include "errors.h"
+
 namespace parhelion {
 
-Film::Film(u32 x0, u32 y0, u32 w, u32 h, bool with_features, bool with_errors, u32 first_sample)
+Film::Film(u32 x0, u32 y0, u32 w, u32 h, bool with_features, bool with_errors)
     : x(x0),
       y(y0),
       width(w),
       height(h),
-      first(first_sample),
       pixels(static_cast<size_t>(w) * h, FilmPixel{}),
       features(with_features ? pixels.size() : 0, FeaturePixel{}),
       prefixes(with_errors ? pixels.size() : 0, Prefix{}) {}
+
+namespace {
+
+// Keeps the means of a pixel's samples so far, if these are a power of two.
+void keep_prefix(Prefix& prefix, const FilmPixel& pixel) {
+  if (!std::has_single_bit(pixel.count)) return;
+  for (u32 k = 0; k < 3; ++k) {
+    prefix.half[k] = prefix.whole[k];
+    prefix.whole[k] = baseline::mean(pixel.rgb[k], pixel.count);
+  }
+}
+
+}  // namespace
+
+void Film::begin(std::span<const u32> counts) {
+  if (counts.size() != pixels.size()) {
+    throw SceneError("as many numbers are needed as there are pixels");
+  }
+  for (size_t at = 0; at < pixels.size(); ++at) pixels[at].count = counts[at];
+}
+
+void Film::add(const Film& part, std::span<const u32> begun) {
+  const u32 x0 = part.x - x, y0 = part.y - y;  // wraps around where it begins before this one
+  if (x0 > width || y0 > height || part.width > width - x0 || part.height > height - y0) {
+    throw SceneError("the part does not lie within the film");
+  }
+  if (part.features.empty() != features.empty()) {
+    throw SceneError("one has features, and the other has none");
+  }
+  if (begun.size() != part.pixels.size()) {
+    throw SceneError("as many numbers are needed as the part has pixels");
+  }
+  const auto place = [&](size_t at) {
+    return (y0 + at / part.width) * width + x0 + at % part.width;
+  };
+  for (size_t at = 0; at < part.pixels.size(); ++at) {
+    const u32 from = begun[at], to = part.pixels[at].count;
+    if (pixels[place(at)].count != from || to < from) {
+      throw SceneError("the part does not begin where the film is");
+    }
+    if (!prefixes.empty() && (from == 0 ? part.prefixes.empty() : to > std::bit_ceil(from + 1))) {
+      throw SceneError("the part does not tell errors");
+    }
+  }
+  for (size_t at = 0; at < part.pixels.size(); ++at) {
+    const FilmPixel& added = part.pixels[at];
+    FilmPixel& pixel = pixels[place(at)];
+    const u32 from = pixel.count;
+    for (u32 k = 0; k < 3; ++k) {
+      pixel.rgb[k].high += added.rgb[k].high;
+      pixel.rgb[k].low += added.rgb[k].low;
+    }
+    baseline::carry(pixel);
+    pixel.count = added.count;
+    pixel.bad += added.bad;
+    if (!features.empty()) features[place(at)] = part.features[at];
+    if (prefixes.empty() || pixel.count == from) continue;
+    if (from == 0) {
+      prefixes[place(at)] = part.prefixes[at];
+    } else {
+      keep_prefix(prefixes[place(at)], pixel);
+    }
+  }
+}
 
 void Film::means(float* rgb) const {
   for (const FilmPixel& p : pixels) {
@@ -116,16 +181,12 @@ Run run_at(const Film& film, const Targets& targets, u32 x, u32 end, u32 y) {
   return run;
 }
 
-// Keeps the means of the samples so far, if these are a power of two.
-void keep_prefix(Film& film, const Run& run, u32 y, u32 count) {
-  if (film.prefixes.empty() || !std::has_single_bit(count)) return;
+// As keep_prefix(), for all pixels of a run.
+void keep_prefixes(Film& film, const Run& run, u32 y) {
+  if (film.prefixes.empty()) return;
   for (u32 x = run.x0; x < run.x1; ++x) {
     const size_t at = static_cast<size_t>(y) * film.width + x;
-    Prefix& prefix = film.prefixes[at];
-    for (u32 k = 0; k < 3; ++k) {
-      prefix.half[k] = prefix.whole[k];
-      prefix.whole[k] = baseline::mean(film.pixels[at].rgb[k], count);
-    }
+    keep_prefix(film.prefixes[at], film.pixels[at]);
   }
 }
 
@@ -167,10 +228,9 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderV
             if (pass.stop.load(std::memory_order_relaxed)) break;
             u32 to = from + std::min(stride, run.target - from);
             if (!film.prefixes.empty()) to = std::min(to, std::bit_ceil(from + 1));
-            kernels.render_row(scene_view, view, film.y + y, film.x + run.x0, film.x + run.x1,
-                               film.first + from, film.first + to, &film.pixels[place], features,
-                               stats);
-            keep_prefix(film, run, y, to);
+            kernels.render_row(scene_view, view, film.y + y, film.x + run.x0, film.x + run.x1, from,
+                               to, &film.pixels[place], features, stats);
+            keep_prefixes(film, run, y);
             done += u64{width} * (to - from);
             from = to;
             if (first_thread) pass.maybe_tick(done, stats.rays);

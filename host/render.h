@@ -25,16 +25,14 @@ struct Prefix {
   float half[3], whole[3];
 };
 
-// The sums of a rectangle of the picture. x, y: its top left pixel within the whole picture. first:
-// the number of each pixel's first sample.
+// The sums of a rectangle of the picture. x, y: its top left pixel within the whole picture.
 struct Film {
-  u32 x, y, width, height, first;
+  u32 x, y, width, height;
   std::vector<FilmPixel> pixels;
   std::vector<FeaturePixel> features;  // as many, or none
   std::vector<Prefix> prefixes;        // as many, or none, and no errors can be told then
 
-  Film(u32 x, u32 y, u32 width, u32 height, bool with_features = false, bool with_errors = false,
-       u32 first = 0);
+  Film(u32 x, u32 y, u32 width, u32 height, bool with_features = false, bool with_errors = false);
   // Cells lie in rows of one a block: the even ones of the first row of blocks, the odd ones of it,
   // the even ones of the next, and so on.
   u32 cells_across() const { return (width + kBlock - 1) / kBlock; }
@@ -47,6 +45,14 @@ struct Film {
   // For each pixel the estimated variance of its mean, itself the mean over the three channels;
   // infinite with fewer than two samples. It rests on three numbers: only sums over many say much.
   void variances(float* of_pixels) const;
+  // Has the pixels of an empty film go on after so many samples, row by row, as if these had been
+  // black: what add() takes is the sums of what comes after.
+  void begin(std::span<const u32> counts);
+  // Adds what a part, whose pixels began, by begin(), where those of this film are, has seen since.
+  // Features are taken over as they are: it must have begun with this film's. Where errors are
+  // told, a pixel begins with no sample, and the part tells its errors, too, or goes no further
+  // than the next power of two. Throws SceneError, before anything is added, if not so.
+  void add(const Film& part, std::span<const u32> begun);
   // Means, (height, width, 3). A pixel without samples is black.
   void means(float* rgb) const;
   // Cryptomatte's ranks, (height, width, kMatteRanks, 2): ids[index], as the bits of a float, and

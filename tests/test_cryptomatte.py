@@ -114,9 +114,17 @@ def test_counts_are_those_of_the_samples_one_by_one() -> None:
     ids = np.array([cryptomatte.matte_id(n) for n in prepared.flat.shape_names], np.uint32)
     seen = []
     for sample in range(spp):
-        film = _core.Film(0, 0, 8, 1, True, first=sample)
+        film = _core.Film(0, 0, 8, 1, True)
+        film.begin(np.full((1, 8), sample, np.uint32))
         film.render(
-            prepared.core, view, 1, threads=1, tile=16, schedule="dynamic", isa="", tick=None
+            prepared.core,
+            view,
+            sample + 1,
+            threads=1,
+            tile=16,
+            schedule="dynamic",
+            isa="",
+            tick=None,
         )
         shapes, _ = film.mattes(ids, np.zeros(40, np.uint32))
         seen.append(shapes[0, :, 0, 0].copy().view(np.uint32).tolist())

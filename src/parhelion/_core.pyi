@@ -25,6 +25,8 @@ class Scene:
 class View: ...
 
 class Film:
+    x: int
+    y: int
     width: int
     height: int
     def __init__(
@@ -35,8 +37,9 @@ class Film:
         height: int,
         features: bool = False,
         errors: bool = False,
-        first: int = 0,
     ) -> None: ...
+    def begin(self, counts: NDArray[np.uint32]) -> None: ...
+    def add(self, part: Film, begun: NDArray[np.uint32]) -> None: ...
     def render(
         self,
         scene: Scene,

@@ -2,6 +2,8 @@
 // instruction set, builds and renders on several threads, stops and errors.
 #include <omp.h>
 
+#include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -159,9 +161,11 @@ void pictures_do_not_depend_on_how_they_are_made() {
                                          {2, 16, schedule}, kNever);
         CHECK(r.complete && r.samples == 40 * 24 + 32 * 5 && r.rays >= r.samples);
         CHECK(same(reference, film));
-        Film later(0, 0, 40, 24, false, false, 1);
-        render_pass(kernels(isa), scene, view, later, all_to(later, 3), {3, 7, schedule}, kNever);
+        Film later(0, 0, 40, 24);
+        later.begin(std::vector<u32>(later.pixels.size(), 1));
+        render_pass(kernels(isa), scene, view, later, all_to(later, 4), {3, 7, schedule}, kNever);
         for (u32 i = 0; i < later.pixels.size(); ++i) {  // the first sample is all that it lacks
+          --later.pixels[i].count;
           baseline::add(later.pixels[i],
                         kernels(isa).radiance(scene.view(), view, i % 40, i / 40, 0));
           baseline::carry(later.pixels[i]);
@@ -453,6 +457,73 @@ void passes_go_on_where_they_stopped() {
   CHECK(a == b);
 }
 
+// Parts that go on where the whole film is, each of some of its blocks, make the same picture,
+// features and errors included.
+void parts_made_elsewhere_add_up() {
+  const Cloud cloud(300);
+  const Scene scene(input_of({cloud.group()}, Cloud::materials()));
+  const RenderView view = make_view(scene, 60, 40, SamplerKind::sobol);
+  const u32 width = 45, height = 27;  // 6 x 4 blocks; at the edges some lack pixels
+  Film whole(3, 2, width, height, true, true), made(3, 2, width, height, true, true);
+  Targets targets = all_to(whole, 0);
+  for (size_t i = 0; i < targets.samples.size(); ++i) targets.samples[i] = 20 + 7 * (i % 9);
+  render_pass(kernels(), scene, view, whole, targets, {2, 16, Schedule::dynamic_}, kNever);
+  // Some pixels of a cell have samples already, others have none
+  std::vector<u32> begin(made.pixels.size(), 0);
+  std::fill_n(begin.begin(), begin.size() / 3, 9);
+  render_pass(kernels(), scene, view, made, {begin, true}, {2, 16, Schedule::dynamic_}, kNever);
+  const u32 across = made.cells_across();
+  for (u32 parts = 0; !same(whole, made); ++parts) {
+    const u32 bx = 3 * (parts % 2), by = 2 * (parts / 2 % 2);
+    const u32 x0 = 8 * bx, y0 = 8 * by, w = std::min(24u, width - x0),
+              h = std::min(16u, height - y0);
+    Film part(3 + x0, 2 + y0, w, h, true, parts < 4);
+    std::vector<u32> begun;
+    Targets to = all_to(part, 0);
+    for (u32 line = 0; line < part.cells_down(); ++line) {
+      for (u32 column = 0; column < part.cells_across(); ++column) {
+        to.samples[line * part.cells_across() + column] =
+            targets.samples[(2 * by + line) * across + bx + column];
+      }
+    }
+    for (u32 y = 0; y < h; ++y) {
+      for (u32 x = 0; x < w; ++x) {
+        const size_t at = (y0 + y) * width + x0 + x;
+        const u32 from = made.pixels[at].count;
+        begun.push_back(from);
+        part.features[y * w + x] = made.features[at];
+        u32& target = to.samples[part.cell_row(y) * part.cells_across() + x / kBlock];
+        target = std::min(target, from == 0 ? 5 : std::bit_ceil(from + 1));
+      }
+    }
+    part.begin(begun);
+    render_pass(kernels(), scene, view, part, to, {3, 5, Schedule::dynamic_}, kNever);
+    made.add(part, begun);
+    const auto said = [&](const Film& other, const std::vector<u32>& counts) {
+      return message_of([&] { made.add(other, counts); });
+    };
+    if (begun[0] != made.pixels[y0 * width + x0].count) {  // it came twice
+      CHECK(said(part, begun).find("does not begin") != std::string::npos);
+    }
+    CHECK(said(part, {1, 2}).find("as many numbers") != std::string::npos);
+    const Film beyond(40, 2, 16, 8, true), before(2, 2, 8, 8, true), plain(3, 2, 1, 1);
+    CHECK(said(beyond, {}).find("within") != std::string::npos);
+    CHECK(said(before, {}).find("within") != std::string::npos);
+    CHECK(said(plain, {0}).find("features") != std::string::npos);
+    CHECK(parts < 200);
+    if (parts == 200) return;
+  }
+  CHECK(std::memcmp(whole.features.data(), made.features.data(),
+                    whole.features.size() * sizeof(FeaturePixel)) == 0);
+  CHECK(std::memcmp(whole.prefixes.data(), made.prefixes.data(),
+                    whole.prefixes.size() * sizeof(Prefix)) == 0);
+  Film one(0, 0, 1, 1, false, true), far(0, 0, 1, 1);  // too far to tell errors
+  render_pass(kernels(), scene, view, one, all_to(one, 1), {1, 16, Schedule::dynamic_}, kNever);
+  far.begin(std::vector<u32>{1});
+  render_pass(kernels(), scene, view, far, all_to(far, 3), {1, 16, Schedule::dynamic_}, kNever);
+  CHECK(message_of([&] { one.add(far, std::vector<u32>{1}); }).find("errors") != std::string::npos);
+}
+
 void sums_are_exact_in_any_order() {
   const float values[] = {1e-12f, 3.25f, 1e9f, 0.1f, 7e-5f, 123456.78f, 0.0f, 1e30f, -1.0f};
   FilmPixel forth{}, back{};
@@ -537,6 +608,7 @@ int main() {
   lines_stop_nothing();
   a_pass_can_be_stopped();
   passes_go_on_where_they_stopped();
+  parts_made_elsewhere_add_up();
   sums_are_exact_in_any_order();
   mistakes_are_named();
   probes_run();
