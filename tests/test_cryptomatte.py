@@ -110,7 +110,7 @@ def test_counts_are_those_of_the_samples_one_by_one() -> None:
     spp = 48
     settings = merged(prepared.scene.settings, {"spp": spp})
     assert isinstance(prepared.scene.camera, ph.Camera)
-    view = make_view(prepared, prepared.scene.camera, settings)
+    view = make_view(prepared.core, prepared.scene.camera, settings)
     ids = np.array([cryptomatte.matte_id(n) for n in prepared.flat.shape_names], np.uint32)
     seen = []
     for sample in range(spp):

@@ -97,7 +97,7 @@ def test_passes_to_any_targets_add_up_to_the_same_bits(
         scene.scene.settings, {"width": SIZE[0], "height": SIZE[1], "spp": 12, "seed": 3}
     )
     assert scene.scene.camera is not None
-    view = make_view(scene, scene.scene.camera, settings)
+    view = make_view(scene.core, scene.scene.camera, settings)
     film, rng = _core.Film(0, 0, *SIZE), np.random.default_rng(1)
     shapes = [cell_areas(film).shape, SIZE[::-1]]
     for i, level in enumerate(levels):
@@ -122,7 +122,7 @@ def test_passes_to_any_targets_add_up_to_the_same_bits(
 def test_targets_are_of_the_films_cells() -> None:
     scene = prepared()
     assert scene.scene.camera is not None
-    view = make_view(scene, scene.scene.camera, merged(scene.scene.settings, {"width": 20}))
+    view = make_view(scene.core, scene.scene.camera, merged(scene.scene.settings, {"width": 20}))
     film = _core.Film(0, 0, 20, 11)
     for shape in ((3, 4), (2, 3), (4, 2)):
         with pytest.raises(ValueError, match="4 by 3, for cells, or 11 by 20"):
@@ -144,7 +144,7 @@ def test_a_sample_alone_is_the_sample_in_the_picture() -> None:
         scene.scene.settings, {"width": SIZE[0], "height": SIZE[1], "spp": 4, "seed": 3}
     )
     assert scene.scene.camera is not None
-    view = make_view(scene, scene.scene.camera, settings)
+    view = make_view(scene.core, scene.scene.camera, settings)
     for x, y in ((0, 0), (20, 17), (47, 29)):
         samples = np.array([_core.one_sample(scene.core, view, x, y, s) for s in range(4)])
         for isa in _core.instruction_sets():

@@ -54,7 +54,7 @@ def everything() -> ph.Scene:
 
 def core_view(prepared: ph.Prepared, **settings: Any) -> Any:
     wanted = merged(prepared.scene.settings, settings)
-    return make_view(prepared, placed(prepared.scene, wanted.width / wanted.height), wanted)
+    return make_view(prepared.core, placed(prepared.scene, wanted.width / wanted.height), wanted)
 
 
 @pytest.mark.parametrize("scene", [ph.weekend(), everything()], ids=["weekend", "everything"])

@@ -150,7 +150,7 @@ def test_a_film_says_where_its_noise_is() -> None:
 def test_errors_are_of_every_other_row_of_blocks(spheres: Any) -> None:
     settings = merged(ph.Settings(), {"width": 20, "height": 11, "filter": "box"})
     assert spheres.scene.camera is not None
-    view = make_view(spheres, spheres.scene.camera, settings)
+    view = make_view(spheres.core, spheres.scene.camera, settings)
     with pytest.raises(ValueError, match="without errors"):
         _core.Film(0, 0, 20, 11).errors()
     film = _core.Film(0, 0, 20, 11, False, True)

@@ -84,10 +84,10 @@ _ROWS = 64
 class RenderStats:
     """seconds: of rendering, wall clock, without the tree's build. samples, rays: in all; those
     before a rendering was resumed included. isa: instruction set. ended: what ended it, "spp",
-    "noise", "time" or "stopped". error: how far pixels may be from what infinitely many samples
-    would show: root mean square over the picture, within 95 % confidence, as a share of a pixel's
-    brightness; None if it was not asked for, or samples are too few. build_seconds: checks and
-    tree.
+    "noise", "time" or "stopped", or "failed": on a cluster, and some pixels lack samples. error:
+    how far pixels may be from what infinitely many samples would show: root mean square over the
+    picture, within 95 % confidence, as a share of a pixel's brightness; None if it was not asked
+    for, or samples are too few. build_seconds: checks and tree.
     """
 
     seconds: float
@@ -102,7 +102,7 @@ class RenderStats:
     @property
     def complete(self) -> bool:
         """False if it was stopped before what was asked for was reached."""
-        return self.ended != "stopped"
+        return self.ended not in ("stopped", "failed")
 
 
 class KnownScene(Protocol):

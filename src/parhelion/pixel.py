@@ -144,7 +144,7 @@ def trace_pixel(
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < limit:
             raise SceneError(f"{option(name)} is {value!r}; must be a whole number in [0, {limit})")
     seen = prepared.scene if camera is None else prepared.scene.replace(camera=camera)
-    view = make_view(prepared, placed(seen, wanted.width / wanted.height), wanted)
+    view = make_view(prepared.core, placed(seen, wanted.width / wanted.height), wanted)
     found = _core.trace_pixel(prepared.core, view, x, y, sample)
     vertices = tuple(_vertex(v, prepared.flat) for v in found.pop("vertices"))
     end = _ENDS[found.pop("end")]

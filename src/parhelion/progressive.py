@@ -8,9 +8,9 @@ killed and resumed ends with the same bits.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from .progress import Progress, ProgressCallback
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+# Told of samples and rays so far; true stops the work.
+Tick = Callable[[int, int], bool]
 
 # Seconds that one pass over the picture should take: it can be stopped in between, and each makes
 # the whole picture a little better.
@@ -68,6 +71,61 @@ class Work:
     isa: str
 
 
+class Sampler(Protocol):
+    """What takes samples: the cores of this machine, or others."""
+
+    # Whether a pass may be all there is to do: it can be stopped, and its film be read, meanwhile.
+    at_once: bool
+    # What it could not do, for people; take() has returned False then.
+    failures: Sequence[str]
+
+    @property
+    def threads(self) -> int:
+        """How many take part."""
+
+    @property
+    def isa(self) -> str:
+        """The instruction set they use."""
+
+    def take(
+        self, film: Any, targets: NDArray[np.uint32], pixels: int, tick: Tick
+    ) -> tuple[int, int, bool]:
+        """Brings a film to some targets, as Film.render() does; see there. pixels: that have less.
+
+        Returns samples and rays that were added, and False if tick stopped it.
+        """
+
+
+class Cores:
+    """The cores of this machine."""
+
+    at_once = False
+    failures: Sequence[str] = ()
+
+    def __init__(self, core: Any, view: Any, work: Work) -> None:
+        self._core, self._view, self._work = core, view, work
+        self.threads, self.isa = work.threads, work.isa
+
+    def take(
+        self, film: Any, targets: NDArray[np.uint32], pixels: int, tick: Tick
+    ) -> tuple[int, int, bool]:
+        """As Sampler says."""
+        work, edge = self._work, self._work.tile
+        while edge > 1 and edge * edge * _TILES * work.threads > pixels:  # few are left
+            edge //= 2
+        samples, rays, complete = film.render(
+            self._core,
+            self._view,
+            targets,
+            threads=work.threads,
+            tile=edge,
+            schedule=work.schedule,
+            isa=work.isa,
+            tick=tick,
+        )
+        return samples, rays, bool(complete)
+
+
 @dataclass
 class Spent:
     """What a rendering took so far; seconds of the wall clock."""
@@ -85,8 +143,8 @@ class Rendering:
     what these were. error: of the picture, by the last look at it; None before.
     """
 
-    def __init__(self, film: Any, core: Any, view: Any, goal: Goal, work: Work) -> None:
-        self.film, self.goal = film, goal
+    def __init__(self, film: Any, goal: Goal, sampler: Sampler) -> None:
+        self.film, self.goal, self._sampler = film, goal, sampler
         if goal.counts is None:
             self.areas = cell_areas(film)
             if goal.blocks is not None:
@@ -99,7 +157,6 @@ class Rendering:
         self.done = np.zeros_like(self.targets)
         self.spent = Spent()
         self.error: float | None = None
-        self._core, self._view, self._work = core, view, work
         each = goal.spp if goal.counts is None else goal.counts
         self._expected = float((self.areas * each).sum())  # samples in all
         self._report: ProgressCallback | None = None
@@ -113,23 +170,25 @@ class Rendering:
         self._next_save = time.perf_counter() + seconds
 
     def run(self, report: ProgressCallback | None) -> str:
-        """Samples until the goal is reached, and returns what ended it: "spp", "noise", "time", or
-        "stopped", when the report returned something true.
+        """Samples until the goal is reached, and returns what ended it: "spp", "noise", "time",
+        "stopped", when the report returned something true, or "failed".
         """
         goal, self._report, self._ended = self.goal, report, None
         if goal.counts is None:  # a resumed one may have another goal than it began with
             self._aim(goal.spp)
         watched = bool(report or self._save or goal.deadline is not None)
-        size = 1 if watched else goal.spp
+        size = 1 if watched and not self._sampler.at_once else goal.spp
         while self._ended is None:
             while (self.done < self.targets).any() and self._ended is None:
                 before = time.perf_counter()
                 aims = np.minimum(self.targets, self.done + np.uint32(size))
                 if self._pass(aims):
                     self.done, seconds = np.maximum(self.done, aims), time.perf_counter() - before
-                    size = min(
-                        max(1, int(size * PASS_SECONDS / max(seconds, 1e-6))), 8 * size, goal.spp
-                    )
+                    if not self._sampler.at_once:
+                        fitting = max(1, int(size * PASS_SECONDS / max(seconds, 1e-6)))
+                        size = min(fitting, 8 * size, goal.spp)
+                if self._sampler.failures:
+                    self._ended = "failed"
                 if self._save is not None and time.perf_counter() >= self._next_save:
                     self._save()
                     self._next_save = time.perf_counter() + self._interval
@@ -162,10 +221,8 @@ class Rendering:
 
     def _pass(self, targets: NDArray[np.uint32]) -> bool:
         """Brings the film to some targets; False if that was broken off."""
-        start, before, work = time.perf_counter(), self.spent, self._work
-        edge, pixels = work.tile, self.areas[targets > self.done].sum()
-        while edge > 1 and edge * edge * _TILES * work.threads > pixels:  # few are left
-            edge //= 2
+        start, before = time.perf_counter(), self.spent
+        pixels = int(self.areas[targets > self.done].sum())
 
         def tick(samples: int, rays: int) -> bool:
             now = time.perf_counter()
@@ -185,18 +242,9 @@ class Rendering:
                 self._ended = "time"
             return self._ended is not None or (self._save is not None and now >= self._next_save)
 
-        samples, rays, complete = self.film.render(
-            self._core,
-            self._view,
-            targets,
-            threads=work.threads,
-            tile=edge,
-            schedule=work.schedule,
-            isa=work.isa,
-            tick=tick,
-        )
+        samples, rays, complete = self._sampler.take(self.film, targets, pixels, tick)
         tick(samples, rays)
-        return bool(complete)
+        return complete
 
 
 def next_round(samples: NDArray[np.uint32]) -> NDArray[np.uint32]:

@@ -20,8 +20,10 @@ from .image import Image, KnownScene, RenderStats, check_place
 from .progress import ProgressCallback, bar
 from .progressive import (
     MOST_SAMPLES,
+    Cores,
     Goal,
     Rendering,
+    Sampler,
     Work,
     block_errors,
     picture_error,
@@ -115,6 +117,7 @@ def render(
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = CHECKPOINT_SECONDS,
     resume: bool = False,
+    cluster: Any = None,
     shard: tuple[int, int] | None = None,
     tree: str = "bvh",
     schedule: str = "dynamic",
@@ -140,6 +143,10 @@ def render(
     on from there, to the same bits that an uninterrupted one makes, and with a larger spp, less
     noise or more time further than that. It must be of the same scene, camera and settings, and of
     the same build of Parhelion.
+
+    cluster: who renders: "local:4", four processes of this machine; the address of a scheduler of
+    dask.distributed, such as "tcp://host:8786"; or a Client of that. threads are those of each
+    worker then. The picture does not depend on it.
 
     shard: (1, 4) renders the first of four parts of the picture, which machines that know nothing
     of each other can make; its checkpoint is what merge() makes the picture of. Other pixels are
@@ -185,7 +192,7 @@ def render(
     if checkpoint is not None:
         check_place(arguments.path("checkpoint", checkpoint))
     shard, blocks = _shard(shard, wanted, checkpoint, counts)
-    view = make_view(prepared, view_camera, wanted, tree=tree == "bvh")
+    view = make_view(prepared.core, view_camera, wanted, tree=tree == "bvh")
     x, y, width, height = wanted.crop or (0, 0, wanted.width, wanted.height)
     wanted_counts = None if counts is None else _counts(counts, height, width, checkpoint)
     errors = wanted.noise is not None or seconds is not None or checkpoint is not None
@@ -200,8 +207,21 @@ def render(
         goal = Goal(int(wanted_counts.max()), None, deadline, wanted_counts)
     try:
         film = _core.Film(x, y, width, height, features, errors)
-        rendering = Rendering(film, prepared.core, view, goal, work)
         with ExitStack() as stack:
+            sampler: Sampler = Cores(prepared.core, view, work)
+            if cluster is not None:
+                from .cluster import sampler_of
+
+                sampler = stack.enter_context(
+                    sampler_of(
+                        *(cluster, threads, prepared.flat, view_camera, wanted, film),
+                        tree=tree == "bvh",
+                        features=features,
+                        errors=errors,
+                        isa=isa,
+                    )
+                )
+            rendering = Rendering(film, goal, sampler)
             report = stack.enter_context(bar()) if progress is True else progress or None
             if checkpoint is None:
                 ended = rendering.run(report)
@@ -215,8 +235,8 @@ def render(
             seconds=rendering.spent.seconds,
             samples=rendering.spent.samples,
             rays=rendering.spent.rays,
-            threads=work.threads,
-            isa=work.isa or _core.instruction_set(),
+            threads=sampler.threads,
+            isa=sampler.isa,
             ended=ended,
             error=known if errors and np.isfinite(known := picture_error(film)) else None,
             build_seconds=prepared.seconds,
@@ -317,7 +337,7 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
     return s
 
 
-def make_view(prepared: Prepared, camera: Camera, settings: Settings, tree: bool = True) -> Any:
+def make_view(core: Any, camera: Camera, settings: Settings, tree: bool = True) -> Any:
     """The core's view of a camera and of settings as merged() returns them, checked."""
     from . import _core
 
@@ -330,7 +350,7 @@ def make_view(prepared: Prepared, camera: Camera, settings: Settings, tree: bool
         if angle is not None and not 0 < angle < widest + (widest == 360):
             raise SceneError(f"camera: {name} is {angle}; must lie between 0 and {widest} degrees")
     return _core.make_view(
-        prepared.core,
+        core,
         camera={
             "projection": camera.projection,
             "eye": camera.eye,
@@ -406,7 +426,7 @@ def _work(threads: Any, tile: Any, schedule: str, isa: str) -> Work:
         threads=arguments.whole("threads", threads, 0, 4096) or machine.cores_available(),
         tile=arguments.whole("tile", tile, 1, LARGEST_SIDE),
         schedule=schedule,
-        isa=isa,
+        isa=isa or _core.instruction_set(),
     )
 
 
@@ -450,7 +470,11 @@ def _checkpointed(
     elif os.path.exists(file):
         checkpoints.resume(file, rendering, made_of)
     rendering.save_every(interval, save)
-    ended = rendering.run(report)
+    try:
+        ended = rendering.run(report)
+    except ResourceError:  # a cluster that is gone
+        save()
+        raise
     save()
     return ended
 
@@ -476,8 +500,6 @@ def _shard(
 
 def _told_shard(prepared: Prepared, features: bool, work: Work) -> dict[str, Any]:
     """What a shard's file tells besides what its samples depend on, as JSON; merge() reads it."""
-    from . import _core
-
     scene, flat = prepared.scene, prepared.flat
     names = ("shape_names", "material_names", "object_names")
     return {
@@ -486,7 +508,7 @@ def _told_shard(prepared: Prepared, features: bool, work: Work) -> dict[str, Any
         "legend": None if scene.legend is None else asdict(scene.legend),
         "source": None if scene.source is None else asdict(scene.source),
         "threads": work.threads,
-        "isa": work.isa or _core.instruction_set(),
+        "isa": work.isa,
         "build_seconds": prepared.seconds,
     }
 

@@ -8,6 +8,7 @@ import math
 import os
 import sys
 import time
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -193,6 +194,12 @@ def _add_work(p: argparse.ArgumentParser) -> None:
         metavar="SIZE",
         help="bytes, or 4G, 500M: what would take more is an error; default: what there is",
     )
+    work.add_argument(
+        "--cluster",
+        metavar="WHERE",
+        help="who renders: local:N, as many processes, or the address of a scheduler of"
+        " dask.distributed, such as tcp://HOST:8786; --threads are those of each worker then",
+    )
     work.add_argument("--tree", default="bvh", help="bvh, or none to test every primitive")
     work.add_argument("--schedule", default="dynamic", help="OpenMP's: dynamic, static or guided")
     work.add_argument("--tile", type=int, default=16, metavar="PIXELS")
@@ -239,7 +246,12 @@ def run(args: argparse.Namespace) -> int:
 
         check_denoiser()
         settings["features"] = True  # albedo and normals guide it
-    with memory.limited(args.memory_limit):
+    with memory.limited(args.memory_limit), ExitStack() as stack:
+        if args.cluster is not None:
+            from ..cluster.places import opened
+
+            there = stack.enter_context(opened(args.cluster, args.threads))
+            settings["cluster"], settings["threads"] = there
         if args.turntable is not None or args.frames is not None:
             from . import sequences
 
@@ -294,6 +306,9 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any], be
         if not args.quiet:
             print(f"{output}: {_summary(image)}", file=sys.stderr)
         return 0
+    if image.stats.ended == "failed":
+        print(f"parhelion: {output} has {image.told_spp()}: a part failed", file=sys.stderr)
+        return 1
     hint = "--checkpoint FILE would let it go on another time"
     if args.checkpoint is not None:
         hint = f"the same command with --resume goes on from {args.checkpoint}"

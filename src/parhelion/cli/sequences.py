@@ -174,6 +174,7 @@ _NOT_MADE_OF = {
         "turntable",
         "frames",
         "shard",
+        "cluster",
         "fps",
         "allow_paths",
         "strict",

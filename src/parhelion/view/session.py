@@ -928,7 +928,7 @@ class Session:
         with self._scene_lock:
             if self._core is None:
                 raise ResourceError("the session is closed")
-            return make_view(replace(self._prepared, core=self._core), camera, settings)
+            return make_view(self._core, camera, settings)
 
     def _check_memory(self, width: int, height: int, features: bool) -> None:
         """Raises ResourceError for a size that memory is too small for. What is under way now, and

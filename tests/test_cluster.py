@@ -1,0 +1,302 @@
+"""Pictures by the workers of a cluster: real processes, compared bit by bit with one machine."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import parhelion as ph
+from parhelion import cli
+from parhelion.cluster import places, sampler, scenes
+from parhelion.flatten import Flat
+from parhelion.renderer import prepare
+from picture_tools import read_picture
+
+distributed = pytest.importorskip("distributed")
+
+SIZE = {"width": 150, "height": 85, "spp": 24}
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    with places.opened("local:2", 1) as (found, _):
+        yield found
+
+
+@pytest.fixture(scope="module")
+def scene() -> Any:
+    return prepare(ph.weekend())
+
+
+@pytest.fixture
+def many_units(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small units, so that there are enough for something to happen meanwhile."""
+    monkeypatch.setattr(sampler, "UNIT_SECONDS", 0.01)
+    monkeypatch.setattr(sampler, "_FIRST", 1 << 9)
+
+
+def same(a: ph.Image, b: ph.Image) -> None:
+    np.testing.assert_array_equal(a.numpy(), b.numpy())
+    np.testing.assert_array_equal(a.counts, b.counts)
+    assert a.features.keys() == b.features.keys()
+    for name, values in a.features.items():
+        np.testing.assert_array_equal(values, b.features[name], err_msg=name)
+    assert a.stats.samples == b.stats.samples
+    assert a.stats.rays == b.stats.rays
+    assert (a.stats.error, a.stats.ended) == (b.stats.error, b.stats.ended)
+
+
+@pytest.mark.usefixtures("many_units")
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {},
+        {"features": True, "crop": (13, 7, 77, 40)},
+        {"noise": 0.25, "spp": 200, "features": True},
+        {"sampler": "independent", "filter": "box", "integrator": "ao", "seed": 5},
+        {"camera": ph.Camera(eye=(9, 3, 4), target=(0, 0.5, 0), vfov=30, aperture_radius=0.1)},
+        {"spp": None, "counts": np.arange(150 * 85).reshape(85, 150) % 40},
+        {"tree": "none", "width": 24, "height": 9, "spp": 3},
+    ],
+)
+def test_the_picture_is_that_of_one_machine(client: Any, scene: Any, asked: dict[str, Any]) -> None:
+    asked = {**SIZE, **asked}
+    made = ph.render(scene, cluster=client, threads=1, **asked)
+    same(made, ph.render(scene, **asked))
+    assert made.stats.threads <= 2
+
+
+@pytest.mark.parametrize(("edge", "seconds"), [(8, 0.002), (16, 1.0), (64, 0.05)])
+def test_units_of_any_size(
+    client: Any, scene: Any, edge: int, seconds: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sampler, "_EDGE", edge)
+    monkeypatch.setattr(sampler, "UNIT_SECONDS", seconds)
+    asked = {**SIZE, "features": True, "noise": 0.3}
+    same(ph.render(scene, cluster=client, threads=1, **asked), ph.render(scene, **asked))
+
+
+@pytest.mark.usefixtures("many_units")
+def test_what_comes_twice_counts_once(
+    client: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All units go to two workers."""
+    twice, once = [], sampler.Workers._submit
+
+    def submit(self: Any, task: Any) -> None:
+        once(self, task)
+        once(self, task)
+        twice.append(task)
+
+    monkeypatch.setattr(sampler.Workers, "_submit", submit)
+    same(ph.render(scene, cluster=client, threads=1, **SIZE), ph.render(scene, **SIZE))
+    assert len(twice) > 10
+
+
+@pytest.mark.usefixtures("many_units")
+def test_checkpoints_go_from_machines_to_clusters_and_back(
+    client: Any, scene: Any, tmp_path: Path
+) -> None:
+    asked = {**SIZE, "spp": 70, "features": True}
+    whole = ph.render(scene, checkpoint=tmp_path / "whole", **asked)
+    kept: dict[str, Any] = {"checkpoint": tmp_path / "kept", "resume": True}
+    ends = [150 * 85 * 7.3, 150 * 85 * 20.6, 150 * 85 * 41.7]
+    for i, end in enumerate(ends):
+        where = {"cluster": client, "threads": 1} if i % 2 else {}
+        stopped = ph.render(
+            scene, progress=lambda s, e=end: s.samples > e, **where, **kept, **asked
+        )
+        assert stopped.stats.ended == "stopped"
+    made = ph.render(scene, cluster=client, threads=1, **kept, **asked)
+    same(made, whole)
+
+
+def during(
+    client: Any, scene: Any, act: Callable[[int], None], times: int, **asked: Any
+) -> ph.Image:
+    """A picture by a cluster, while something is done at some points of the way."""
+    done = 0
+
+    def progress(state: ph.Progress) -> None:
+        nonlocal done
+        if done < times and state.samples > (done + 1) / (times + 1) * state.total_samples:
+            done += 1
+            act(done)
+
+    image = ph.render(scene, cluster=client, threads=1, progress=progress, **asked)
+    assert done == times
+    return image
+
+
+def pids(client: Any) -> list[int]:
+    return list(client.run(os.getpid).values())
+
+
+@pytest.mark.usefixtures("many_units")
+def test_killed_workers_cost_nothing_but_time(scene: Any) -> None:
+    asked = {**SIZE, "spp": 200, "features": True}
+    with places.opened("local:3", 1) as (client, _):
+        made = during(
+            client, scene, lambda _: os.kill(pids(client)[-1], signal.SIGKILL), 3, **asked
+        )
+    same(made, ph.render(scene, **asked))
+
+
+@pytest.mark.usefixtures("many_units")
+def test_workers_that_join_and_ones_that_stand_still(scene: Any) -> None:
+    asked = {**SIZE, "spp": 200}
+    stopped: list[int] = []
+    with places.opened("local:2", 1) as (client, _):
+
+        def act(time: int) -> None:
+            if time == 1:
+                client.cluster.scale(3)
+            else:
+                stopped.append(pids(client)[0])
+                os.kill(stopped[0], signal.SIGSTOP)
+
+        try:
+            made = during(client, scene, act, 2, **asked)
+        finally:
+            for pid in stopped:
+                os.kill(pid, signal.SIGCONT)
+    same(made, ph.render(scene, **asked))
+
+
+@pytest.mark.usefixtures("many_units")
+def test_a_unit_that_always_fails_is_told_and_the_rest_is_kept(
+    scene: Any, caplog: pytest.LogCaptureFixture
+) -> None:
+    def spoil() -> None:
+        from parhelion.cluster import worker
+
+        own = worker.film_of
+
+        def film_of(unit: Any, *more: Any) -> Any:
+            if unit.x == 0 and unit.y == 0:
+                raise MemoryError("no room")
+            return own(unit, *more)
+
+        worker.film_of = film_of
+
+    with places.opened("local:2", 1) as (client, _):
+        client.run(spoil)
+        made = ph.render(scene, cluster=client, threads=1, **SIZE)
+    assert made.stats.ended == "failed"
+    assert not made.stats.complete
+    told = [r.getMessage() for r in caplog.records if r.levelno == logging.ERROR]
+    assert any("--crop 0,0," in text and "no room" in text for text in told)
+    there = made.counts == 24
+    assert there.sum() > 0.7 * there.size
+    assert (made.counts[~there] == 0).all()
+    np.testing.assert_array_equal(made.numpy()[there], ph.render(scene, **SIZE).numpy()[there])
+
+
+def test_workers_with_another_build_are_refused(scene: Any) -> None:
+    def change() -> None:
+        from parhelion.cluster import worker
+
+        worker.versions = lambda: {"version": "0.0.9", "build": "x"}
+
+    with places.opened("local:1", 1) as (client, _):
+        client.run(change)
+        with pytest.raises(ph.SceneError, match=r"the worker tcp://.* has version 0.0.9 of Parhel"):
+            ph.render(scene, cluster=client, **SIZE)
+
+
+@pytest.mark.usefixtures("many_units")
+def test_a_scheduler_that_goes_leaves_the_checkpoint(scene: Any, tmp_path: Path) -> None:
+    asked = {**SIZE, "spp": 300, "checkpoint": tmp_path / "kept"}
+    with (
+        places.opened("local:2", 1) as (client, _),
+        pytest.raises(ph.ResourceError, match=r"scheduler is gone|does not answer"),
+    ):
+        during(client, scene, lambda _: client.cluster.close(), 1, **asked)
+    made = ph.render(scene, resume=True, **asked)
+    same(made, ph.render(scene, **{**asked, "checkpoint": tmp_path / "other"}))
+
+
+def test_a_scene_is_the_same_after_its_way() -> None:
+    rng = np.random.default_rng(1)
+    cloud = ph.Spheres(rng.random((5000, 3)), radii=0.01, colors=rng.random((5000, 3)))
+    mesh = ph.Mesh(rng.random((30, 3)), rng.integers(0, 30, (20, 3)))
+    copies = ph.Instances([mesh, cloud], rng.random((4, 3, 4)))
+    wood = ph.Material("diffuse", color=ph.Texture("image", image=rng.random((16, 16, 3))))
+    for scene in (
+        ph.weekend(),
+        ph.Scene(
+            [cloud, copies, mesh],
+            {"wood": wood},
+            background=ph.Background("constant", radiance=(1, 2, 3)),
+        ),
+    ):
+        flat = prepare(scene).flat
+        skeleton, bundles = scenes.packed(flat.parts)
+        again = Flat(scenes.unpacked(skeleton, bundles), [], [], [])
+        assert again.sha256() == flat.sha256()
+        sent = {id(array) for bundle in bundles for _, array in bundle}
+        held: list[Any] = []
+
+        def arrays(value: Any, held: list[Any] = held) -> None:
+            if isinstance(value, np.ndarray):
+                held.append(value)
+            elif isinstance(value, dict):
+                [arrays(v) for v in value.values()]
+            elif isinstance(value, (list, tuple)):
+                [arrays(v) for v in value]
+
+        arrays(flat.parts)
+        assert all(id(array) in sent for array in held)  # none was copied
+
+
+@pytest.mark.parametrize(
+    ("cluster", "told"),
+    [
+        ("local", "must be local:N"),
+        ("local:0", "must be local:N, N processes from 1"),
+        ("local:x", "must be local:N"),
+        ("host:8786", "must be local:N or a scheduler's address"),
+        ("http://host", "must be local:N or"),
+        (3, "cluster is 3; must be local:N, a scheduler's address such as"),
+    ],
+)
+def test_clusters_that_are_none(scene: Any, cluster: Any, told: str) -> None:
+    with pytest.raises(ph.SceneError, match=told):
+        ph.render(scene, cluster=cluster, **SIZE)
+
+
+def test_nobody_answers(
+    scene: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(places, "_ANSWER", 0.2)
+    with pytest.raises(ph.ResourceError, match=r"tcp://127.0.0.1:1: no scheduler answers"):
+        ph.render(scene, cluster="tcp://127.0.0.1:1", **SIZE)
+    assert not caplog.records
+    with pytest.raises(ph.ResourceError, match="no scheduler answers"):
+        ph.render(scene, cluster="tcp://192.0.2.1:8786", **SIZE)
+    assert "can be read and changed on the way" in caplog.text
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ph.ResourceError, match=r"pip install 'parhelion\[cluster\]'"):
+        ph.render(scene, cluster="local:2", **SIZE)
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = [str(tmp_path / f"{name}.png") for name in ("one", "many")]
+    size = ["--width", "64", "--spp", "4"]
+    assert cli.main(["render", *size, "-o", files[0], "-q"]) == 0
+    assert cli.main(["render", *size, "-o", files[1], "--cluster", "local:2"]) == 0
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "64x36, 4 spp in" in said
+    one, many = (read_picture(Path(file))[0] for file in files)
+    np.testing.assert_array_equal(one, many)
+    assert cli.main(["render", "--cluster", "local:none", "-o", files[0]]) == 2
+    assert "--cluster is 'local:none'; must be local:N" in capsys.readouterr().err
