@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import random
 import shutil
@@ -281,6 +282,27 @@ def test_the_command_goes_on_after_ctrl_c(tmp_path: Path) -> None:
     subprocess.run(command(tmp_path, "--noise", "0.001", "--spp", spp), check=True)
     _, more = read_picture(tmp_path / "a.exr")
     assert int(more["parhelion:samples"]) >= int(told["parhelion:samples"])
+
+
+def test_files_of_killed_writers_go(spheres: Any, tmp_path: Path) -> None:
+    left, held = (tmp_path / f".parhelion-{name}.checkpoint" for name in ("left", "held"))
+    left.write_bytes(b"half of it")
+    with held.open("wb") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)  # another process is writing it
+        ph.render(spheres, checkpoint=tmp_path / "a", spp=1, **SIZE)
+        assert sorted(p.name for p in tmp_path.iterdir()) == [held.name, "a"]
+
+
+def test_more_samples_than_asked_for_are_told(
+    spheres: Any, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = tmp_path / "a"
+    ph.render(spheres, checkpoint=file, spp=9, **SIZE)
+    again = ph.render(spheres, checkpoint=file, resume=True, spp=4, **SIZE)
+    assert "has up to 9 spp already, more than 4" in caplog.text
+    assert again.settings.spp == 9
+    assert again.metadata()["parhelion:spp"] == "9"
+    same(again, ph.render(spheres, checkpoint=tmp_path / "b", spp=9, **SIZE))
 
 
 def test_time_limits_of_the_command(tmp_path: Path) -> None:

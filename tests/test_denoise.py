@@ -5,8 +5,10 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import subprocess
 import sys
 import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -225,6 +227,42 @@ def test_time_is_left_for_it(
     assert told["parhelion:ended"] == "time"
     assert float(told["parhelion:seconds"]) < most + 0.3
     assert ("the picture will be late" in caplog.text) == (needed > 1)
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.png"])
+def test_what_cannot_be_denoised_is_written_as_it_was_rendered(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+) -> None:
+    def fails(*_: Any, **__: Any) -> Any:
+        raise ph.ResourceError("Open Image Denoise failed: out of memory")
+
+    words = ["render", "--crop", "0,0,40,20", "--spp", "2", "--denoise", "-o", str(tmp_path / name)]
+    monkeypatch.setattr(denoise, "denoised", fails)
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert f"out of memory; {tmp_path / name} was written with its noise" in said
+    plain = ph.render(ph.weekend(), crop=(0, 0, 40, 20), spp=2)
+    plain.save(tmp_path / f"plain-{name}")
+    seen, wanted = (PictureFile(tmp_path / n) for n in (name, f"plain-{name}"))
+    np.testing.assert_array_equal(seen.read(seen.layer()), wanted.read(wanted.layer()))
+
+
+def test_memory_for_denoising_is_asked_for_before_rendering(tmp_path: Path) -> None:
+    size = ["--width", "1200", "--height", "800", "--spp", "100000"]
+    limited = ["--denoise", "--memory-limit", "900M", "-o", str(tmp_path / "a.exr")]
+    begin = time.monotonic()
+    done = subprocess.run(
+        [sys.executable, "-m", "parhelion", "render", *size, *limited],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "not enough memory: denoising 1200x800 pixels takes" in done.stderr
+    assert time.monotonic() - begin < 60
 
 
 def test_how_long_it_will_take() -> None:

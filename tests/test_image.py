@@ -18,7 +18,14 @@ import parhelion as ph
 from parhelion import atomic, cryptomatte
 from parhelion.display import srgb_encoded
 from parhelion.flatten import flatten
-from parhelion.image import CHANNELS, PRECISE, check_output, encoded, largest_file
+from parhelion.image import (
+    CHANNELS,
+    PRECISE,
+    check_output,
+    encoded,
+    largest_file,
+    seconds_to_encode,
+)
 from picture_tools import read_picture
 
 ENDINGS = ["png", "jpg", "exr"]
@@ -573,3 +580,9 @@ def test_names_that_can_not_be_written(
     with pytest.raises(error, match=told):
         image.save(tmp_path / name, bits=bits)
     assert os.listdir(tmp_path) == ["folder.png"]
+
+
+def test_how_long_writing_will_take() -> None:
+    few, many = (seconds_to_encode("a.exr", True, pixels) for pixels in (1, 10**7))
+    assert 0 < few < many < 1000
+    assert 0 < seconds_to_encode("a.png", False, 10**6) < 100

@@ -185,6 +185,16 @@ def test_a_shard_goes_on_and_further(scene: Any, tmp_path: Path) -> None:
     np.testing.assert_array_equal(ph.merge(files).numpy(), ph.render(scene, **aim).numpy())
 
 
+def test_shards_with_more_samples_than_the_others(
+    scene: Any, three: list[Path], tmp_path: Path
+) -> None:
+    more = tmp_path / "more.part"
+    ph.render(scene, shard=(2, 3), checkpoint=more, **{**SIZE, "spp": 20})
+    ph.render(scene, shard=(2, 3), checkpoint=more, resume=True, **SIZE)
+    with pytest.raises(ph.SceneError, match=r"more.part: .*spp is 20, not 12"):
+        ph.merge([three[0], more, three[2]])
+
+
 def test_what_is_missing_is_named(three: list[Path], scene: Any, tmp_path: Path) -> None:
     with pytest.raises(ph.SceneError, match="of 3 shards 1, 3 are missing"):
         ph.merge(three[1:2])

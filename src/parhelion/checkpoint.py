@@ -76,7 +76,7 @@ def save(
         "format": FORMAT,
         "identity": made_of,
         "spent": asdict(rendering.spent),
-        "spp": rendering.goal.spp,
+        "spp": max(rendering.goal.spp, int(rendering.done.max())),
     }
     own = own_pixels(rendering.film, rendering.goal.blocks)
     with replacing(file) as temporary, zipfile.ZipFile(temporary, "w") as archive:

@@ -97,12 +97,19 @@ def denoised(
         if guide is not None and np.shape(guide) != shape:
             raise SceneError(f"denoise: {name} has shape {np.shape(guide)}, light {shape}")
     check_denoiser()
-    memory.require(
-        _PIXEL_BYTES * shape[0] * shape[1], f"denoising {shape[1]}x{shape[0]} pixels", _SMALLER
-    )
+    check_memory(shape[1], shape[0])
     worker = _worker(os.getpid())
     with worker.lock:
         return worker.waited(lambda: worker.run(light, guides, quality, prefilter), progress)
+
+
+def check_memory(width: int, height: int, besides: int = 0) -> None:
+    """Raises ResourceError where a picture of that size cannot be denoised.
+
+    besides: bytes that will be taken by then.
+    """
+    needed = _PIXEL_BYTES * width * height + besides
+    memory.require(needed, f"denoising {width}x{height} pixels", _SMALLER)
 
 
 def seconds_for(pixels: int) -> float:

@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import tempfile
+import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -74,6 +75,9 @@ _ALWAYS = 1 << 30
 _RATIO = 20
 # How numbers are read that are not read as float, and their bytes
 _KINDS = {"uint8": ("uint8", 1), "uint16": ("uint16", 2)}
+
+# Edge of a picture that tells how long a large one takes to write, in pixels
+_TRIAL = 128
 
 # Rows that the writer of EXR gets at a time: with features, a copy of a whole picture would be as
 # large as all else together. Tiles are as high, and as wide.
@@ -658,6 +662,23 @@ def check_place(file: Path) -> None:
     needed = target if is_special(target) else target.parent
     if not os.access(needed, os.W_OK):
         raise ResourceError(f"{file}: no permission to write {needed}")
+
+
+def seconds_to_encode(path: str | os.PathLike[str], features: bool, pixels: int) -> float:
+    """Seconds that a picture of so many pixels will take to become a file's bytes, by a small one
+    of noise, which is as hard to pack as any.
+    """
+    ending = Path(path).suffix.lower()
+    exr = ending == ".exr"
+    noise = np.random.default_rng(0).random((_TRIAL, _TRIAL, 3), np.float32)
+    data = noise if exr else (255 * noise).astype(np.uint8)
+    # Estimates of noise come with a limit of time, whatever is asked for.
+    names = CHANNELS if features else ("error", "samples", "variance")
+    wide = {name: noise[..., np.arange(len(CHANNELS[name])) % 3] for name in names}
+    encoded(data[:1, :1], {}, ending)  # loads the library
+    start = time.perf_counter()
+    encoded(data, {}, ending, wide if exr else None)
+    return (time.perf_counter() - start) * max(1.0, pixels / _TRIAL**2)
 
 
 def encoded(

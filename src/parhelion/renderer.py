@@ -7,12 +7,14 @@ import os
 import time
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from . import arguments, cryptomatte, machine, memory, shards, tables
 from . import checkpoint as checkpoints
+from .atomic import clear
 from .errors import ResourceError, SceneError, option, unknown_name
 from .flatten import Flat, flatten
 from .framing import placed
@@ -247,6 +249,10 @@ def render(
         )
     except MemoryError as error:
         raise ResourceError(f"not enough memory for a picture of {width}x{height}") from error
+    most = int(counts.max())
+    if most > wanted.spp and wanted_counts is None:
+        log.warning("the checkpoint has up to %d spp already, more than %d", most, wanted.spp)
+        wanted = replace(wanted, spp=most)
     missing = int((counts == 0).sum())
     if missing and wanted_counts is None and shard is None:
         log.warning("%d pixels have no sample yet, and are black", missing)
@@ -465,6 +471,7 @@ def _checkpointed(
         except ResourceError as error:  # the disk may have room again before the next one
             log.warning("%s; rendering goes on", error)
 
+    clear(Path(os.path.realpath(file)).parent)
     if not resume:
         checkpoints.check_new(file)
     elif os.path.exists(file):

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import memory
-from ..errors import SceneError, option
+from ..errors import ResourceError, SceneError, option
 from . import options
 from .watch import Watch
 
@@ -291,17 +291,28 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any], be
         settings |= {name: value for name, value in given.items() if value is not None}
     elif args.checkpoint_every is not None:
         raise SceneError("--checkpoint-every needs --checkpoint")
+    size = merged(scene.scene.settings, {k: settings[k] for k in ("width", "height", "crop")}).size
     if args.time_limit is not None:
-        wanted = merged(scene.scene.settings, {k: settings[k] for k in ("width", "height", "crop")})
-        settings["time_limit"] = rendering_seconds(args, wanted.size, begun)
+        settings["time_limit"] = rendering_seconds(args, output, size, begun)
+    if args.denoise:
+        from ..denoise import check_memory
+        from ..renderer import FEATURE_BYTES, PIXEL_BYTES
+
+        check_memory(*size, (PIXEL_BYTES + FEATURE_BYTES) * size[0] * size[1])
     watch = Watch()
+    problem: ResourceError | None = None
     # The camera can only be the file's own.
     with options.naming(args, "camera:"), watch.watching(args.quiet):
-        image = render(scene, progress=watch, **settings)
-        clean = finished(args, image, watch)
+        image = clean = render(scene, progress=watch, **settings)
+        try:
+            clean = finished(args, image, watch)
+        except ResourceError as refused:  # the picture is there, and is not to be lost
+            problem = refused
         if "noisy" in clean.features and file.suffix.lower() != ".exr":
             image.save(beside, bits=args.bits, legend=args.legend, **how)
         clean.save(output, bits=args.bits, legend=args.legend, **how)
+    if problem is not None:
+        raise ResourceError(f"{problem}; {output} was written with its noise") from problem
     if is_finished(args, clean):
         if not args.quiet:
             print(f"{output}: {_summary(image)}", file=sys.stderr)
@@ -344,7 +355,7 @@ def _part(args: argparse.Namespace, settings: dict[str, Any], begun: float) -> i
     if args.checkpoint_every is not None:
         settings["checkpoint_every"] = args.checkpoint_every
     if args.time_limit is not None:
-        settings["time_limit"] = rendering_seconds(args, (0, 0), begun)
+        settings["time_limit"] = rendering_seconds(args, output, (0, 0), begun)
     watch = Watch()
     with options.naming(args):
         scene = prepare(options.load_scene(args))
@@ -371,21 +382,28 @@ def _part(args: argparse.Namespace, settings: dict[str, Any], begun: float) -> i
     return 130
 
 
-def rendering_seconds(args: argparse.Namespace, size: tuple[int, int], begun: float) -> float:
-    """What is left of --time-limit for rendering: the rest is for denoising, if that is asked for.
+def rendering_seconds(
+    args: argparse.Namespace, output: str, size: tuple[int, int], begun: float
+) -> float:
+    """What is left of --time-limit for rendering: the rest is for denoising and for writing.
 
-    size: of the picture. begun: when the time began. Denoising gets no more than half of what
-    is left, with a warning, as a picture of no samples is worth nothing.
+    size: of the picture. begun: when the time began. The rest gets no more than half of what is
+    left, with a warning, as a picture of no samples is worth nothing.
     """
-    needed = 0.0
+    from ..image import WRITABLE, seconds_to_encode
+
+    pixels, needed = size[0] * size[1], 0.0
+    if Path(output).suffix.lower() in WRITABLE:
+        needed += seconds_to_encode(output, args.features, pixels)
     if args.denoise:
         from ..denoise import seconds_for
 
-        needed = seconds_for(size[0] * size[1])
+        needed += seconds_for(pixels)
     left: float = args.time_limit - (time.perf_counter() - begun)
     if needed > 0.5 * left:
         log.warning(
-            "denoising takes some %.0f s, and %.0f s are left; the picture will be late",
+            "what follows on rendering takes some %.0f s, and %.0f s are left; the picture will be"
+            " late",
             needed,
             max(left, 0.0),
         )

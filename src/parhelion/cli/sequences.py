@@ -65,7 +65,7 @@ def run(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
     with options.naming(args):
         series = make(args, output, film, settings, watch)
     if args.time_limit is not None:  # of each picture
-        settings["time_limit"] = rendering_seconds(args, series.size, time.perf_counter())
+        settings["time_limit"] = rendering_seconds(args, output, series.size, time.perf_counter())
 
     def notes(k: int) -> dict[str, str]:
         return {"parhelion:sequence": _made_of(args, series.part(k))}

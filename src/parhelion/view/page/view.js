@@ -843,7 +843,7 @@ class View {
   tellStatus() {
     const { frame: f, state: s, figures } = this;
     const done = f && s && f.scale === 1 && f.spp >= s.spp;
-    const what = !this.connected ? "offline" : s?.busy ? s.busy : s?.error ? "stopped" : done ? "done" : s?.paused ? "paused" : "rendering";
+    const what = !this.connected ? "offline" : s?.busy ? s.busy : done ? "done" : s?.paused ? "paused" : "rendering";
     this.root.dataset.doing = what === "rendering" || what === "done" || what === "paused" || what === "offline" ? what : "busy";
     const put = (key, text) => figures[key].textContent !== text && (figures[key].textContent = text);
     put("what", what.replace(/^./, (c) => c.toUpperCase()));
