@@ -219,10 +219,13 @@ class _Worker:
                 if progress is not None and progress(self._share):
                     raise Stopped
                 self._thread.join(_TICK)
+            result = done.result()
+            if progress is not None and progress(1.0):  # small pictures are done before a tick
+                raise Stopped
         except BaseException:
             self._stop = True
             raise
-        return done.result()
+        return result
 
     def run(
         self,
