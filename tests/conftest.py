@@ -7,6 +7,7 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 # A shell's background job ignores Ctrl-C, and so would the processes that tests interrupt.
@@ -19,6 +20,13 @@ SHARED = REPOSITORY.parent / "shared" / "scenes"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="the long form of tests that have one")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Hypothesis tries the same every time, but in the long form: a test that fails was changed."""
+    hypothesis.settings.register_profile("same", derandomize=True)
+    if not config.getoption("--long"):
+        hypothesis.settings.load_profile("same")
 
 
 @pytest.fixture(scope="session")

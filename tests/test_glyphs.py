@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -452,6 +452,7 @@ ROWS = st.lists(st.one_of(st.lists(NUMBERS, min_size=2, max_size=3), ANYTHING), 
         },
     )
 )
+@example({"type": "Sphere", "diameter": 1e300})
 @settings(max_examples=100, deadline=None)
 def test_any_shape_is_a_body_or_one_error(shape: dict[str, Any]) -> None:
     pytest.importorskip("gsd")
@@ -465,7 +466,13 @@ def test_any_shape_is_a_body_or_one_error(shape: dict[str, Any]) -> None:
             raise
         return
     assert (radii >= 0).all()
-    particles = Particles(np.eye(3)[:2], glyphs=drawn, radii=np.maximum(radii, 0.5))
+    radii = np.maximum(radii, 0.5)
+    try:
+        particles = Particles(np.eye(3)[:2], glyphs=drawn, radii=radii)
+    except ph.SceneError as error:
+        assert radii[0] > 1e30
+        assert "particle 0: radius" in str(error)  # noqa: PT017
+        return
     for thing in to_scene(particles, LoadOptions(), "").shapes:
         for solid in getattr(thing, "shapes", [thing]):
             for key in ("vertices", "centers", "starts", "ends", "radii"):

@@ -162,7 +162,7 @@ def _check(values: Floats, good: Callable[[Floats], NDArray[np.bool_]], text: st
 def check_radii(radii: Floats) -> None:
     _check(
         radii,
-        lambda r: (r.astype(np.float32, copy=False) > 0) & (r <= FARTHEST),
+        lambda r: (np.minimum(r, FARTHEST).astype(np.float32) > 0) & (r <= FARTHEST),
         "radius {} is not a positive number of single precision",
     )
 
