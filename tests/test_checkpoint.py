@@ -21,7 +21,7 @@ import pytest
 import parhelion as ph
 from parhelion import checkpoint, cli
 from parhelion.renderer import prepare
-from picture_tools import read_picture
+from picture_tools import assert_same, read_picture
 
 SIZE = {"width": 48, "height": 27}
 
@@ -29,14 +29,6 @@ SIZE = {"width": 48, "height": 27}
 @pytest.fixture(scope="module")
 def spheres() -> Any:
     return prepare(ph.weekend())
-
-
-def same(a: ph.Image, b: ph.Image) -> None:
-    np.testing.assert_array_equal(a.numpy(), b.numpy())
-    np.testing.assert_array_equal(a.counts, b.counts)
-    assert a.features.keys() == b.features.keys()
-    for name, values in a.features.items():
-        np.testing.assert_array_equal(values, b.features[name], err_msg=name)
 
 
 @pytest.mark.parametrize("goal", [{"spp": 200}, {"noise": 0.2}, {"spp": 60, "features": True}])
@@ -61,7 +53,7 @@ def test_stops_anywhere_change_nothing(spheres: Any, tmp_path: Path, goal: dict[
         if image.stats.complete:
             break
     assert rounds > 1
-    same(whole, image)
+    assert_same(whole, image)
     assert samples == whole.stats.samples == image.counts.sum()
     assert image.stats.ended == whole.stats.ended
     assert sorted(os.listdir(tmp_path)) == ["a.checkpoint", "whole"]
@@ -71,7 +63,7 @@ def test_what_is_done_can_be_taken_further(spheres: Any, tmp_path: Path) -> None
     file = tmp_path / "a.checkpoint"
     for goal in ({"spp": 6}, {"spp": 25}, {"spp": 20, "noise": 0.9}, {"spp": 64}):
         image = ph.render(spheres, checkpoint=file, resume=True, **goal, **SIZE)
-    same(image, ph.render(spheres, spp=64, checkpoint=tmp_path / "b", **SIZE))
+    assert_same(image, ph.render(spheres, spp=64, checkpoint=tmp_path / "b", **SIZE))
     less = ph.render(spheres, checkpoint=file, resume=True, spp=3, **SIZE)  # nothing is lost
     assert (less.stats.complete, less.counts.min()) == (True, 64)
     finer = ph.render(spheres, checkpoint=file, resume=True, noise=0.15, **SIZE)
@@ -196,7 +188,7 @@ def test_what_is_no_checkpoint_is_refused(spheres: Any, tmp_path: Path) -> None:
             refused += str(error).startswith(f"{file}: ")
             assert file.read_bytes() == data
         else:  # what was spoilt means nothing: the time within the archive, say
-            same(image, expected)
+            assert_same(image, expected)
     assert refused > len(spoilt) - 10
 
 
@@ -302,7 +294,7 @@ def test_more_samples_than_asked_for_are_told(
     assert "has up to 9 spp already, more than 4" in caplog.text
     assert again.settings.spp == 9
     assert again.metadata()["parhelion:spp"] == "9"
-    same(again, ph.render(spheres, checkpoint=tmp_path / "b", spp=9, **SIZE))
+    assert_same(again, ph.render(spheres, checkpoint=tmp_path / "b", spp=9, **SIZE))
 
 
 def test_time_limits_of_the_command(tmp_path: Path) -> None:

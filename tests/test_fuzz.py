@@ -106,7 +106,8 @@ def test_what_is_found(
     """A loader with each fault that the harness has to notice."""
     (tmp_path / "sitecustomize.py").write_text(HOOK)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
-    monkeypatch.setattr("fuzz.harness.SECONDS", 1.0)
+    if word == "hang":  # the others take what they take
+        monkeypatch.setattr("fuzz.harness.SECONDS", 1.0)
     with Worker(tmp_path / "worker") as worker:
         said = worker.load(Case("a.xyz", {"a.xyz": f"{word} and more".encode()}))
         assert said["outcome"] == ("finding" if kind else "loaded")

@@ -21,7 +21,7 @@ import parhelion as ph
 from parhelion import cli, shards
 from parhelion.layers import PictureFile
 from parhelion.renderer import prepare
-from picture_tools import read_picture
+from picture_tools import assert_same, read_picture
 
 SIZE = {"width": 100, "height": 57, "spp": 12}
 
@@ -48,14 +48,6 @@ def parts_of(scene: Any, folder: Path, count: int, **settings: Any) -> list[Path
 @pytest.fixture(scope="module")
 def three(scene: Any, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return parts_of(scene, tmp_path_factory.mktemp("three"), 3)
-
-
-def same(a: ph.Image, b: ph.Image) -> None:
-    np.testing.assert_array_equal(a.numpy(), b.numpy())
-    np.testing.assert_array_equal(a.counts, b.counts)
-    assert a.features.keys() == b.features.keys()
-    for name, values in a.features.items():
-        np.testing.assert_array_equal(values, b.features[name], err_msg=name)
 
 
 @given(st.integers(1, 90), st.integers(1, 90), st.data())
@@ -107,7 +99,7 @@ def test_one_picture_of_shards_is_that_of_one_machine(
         assert not part.numpy()[~own].any()
     rng.shuffle(files)
     merged = ph.merge(files)
-    same(merged, whole)
+    assert_same(merged, whole)
     assert merged.stats.samples == whole.stats.samples
     assert merged.stats.rays == whole.stats.rays
     assert merged.stats.error == whole.stats.error
@@ -137,7 +129,7 @@ def test_settings_are_those_of_the_shards(
     settings = {**settings, "camera": camera}
     one = ph.render(scene, checkpoint=tmp_path / "one", **{**SIZE, **settings})
     merged = ph.merge(parts_of(scene, tmp_path, 3, **settings))
-    same(merged, one)
+    assert_same(merged, one)
     assert (merged.settings, merged.camera) == (one.settings, one.camera)
     plain = ph.render(scene, **{**SIZE, **settings})
     np.testing.assert_array_equal(plain.numpy(), merged.numpy())
