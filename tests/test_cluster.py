@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,10 +17,10 @@ import pytest
 
 import parhelion as ph
 from parhelion import cli
-from parhelion.cluster import places, sampler, scenes
+from parhelion.cluster import places, roster, sampler, scenes
 from parhelion.flatten import Flat
 from parhelion.renderer import prepare
-from picture_tools import read_picture
+from picture_tools import assert_same, read_picture
 
 distributed = pytest.importorskip("distributed")
 
@@ -40,15 +42,13 @@ def scene() -> Any:
 def many_units(monkeypatch: pytest.MonkeyPatch) -> None:
     """Small units, so that there are enough for something to happen meanwhile."""
     monkeypatch.setattr(sampler, "UNIT_SECONDS", 0.01)
+    monkeypatch.setattr(sampler, "_SHORTEST", 0.002)
     monkeypatch.setattr(sampler, "_FIRST", 1 << 9)
 
 
 def same(a: ph.Image, b: ph.Image) -> None:
-    np.testing.assert_array_equal(a.numpy(), b.numpy())
-    np.testing.assert_array_equal(a.counts, b.counts)
-    assert a.features.keys() == b.features.keys()
-    for name, values in a.features.items():
-        np.testing.assert_array_equal(values, b.features[name], err_msg=name)
+    """The same picture, by as much work."""
+    assert_same(a, b)
     assert a.stats.samples == b.stats.samples
     assert a.stats.rays == b.stats.rays
     assert (a.stats.error, a.stats.ended) == (b.stats.error, b.stats.ended)
@@ -78,8 +78,9 @@ def test_the_picture_is_that_of_one_machine(client: Any, scene: Any, asked: dict
 def test_units_of_any_size(
     client: Any, scene: Any, edge: int, seconds: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sampler, "_EDGE", edge)
+    monkeypatch.setattr(sampler, "EDGE", edge)
     monkeypatch.setattr(sampler, "UNIT_SECONDS", seconds)
+    monkeypatch.setattr(sampler, "_SHORTEST", seconds)
     asked = {**SIZE, "features": True, "noise": 0.3}
     same(ph.render(scene, cluster=client, threads=1, **asked), ph.render(scene, **asked))
 
@@ -156,8 +157,8 @@ def test_workers_that_join_and_ones_that_stand_still(scene: Any) -> None:
     stopped: list[int] = []
     with places.opened("local:2", 1) as (client, _):
 
-        def act(time: int) -> None:
-            if time == 1:
+        def act(which: int) -> None:
+            if which == 1:
                 client.cluster.scale(3)
             else:
                 stopped.append(pids(client)[0])
@@ -168,6 +169,71 @@ def test_workers_that_join_and_ones_that_stand_still(scene: Any) -> None:
         finally:
             for pid in stopped:
                 os.kill(pid, signal.SIGCONT)
+    same(made, ph.render(scene, **asked))
+
+
+def ip(*words: str) -> None:
+    subprocess.run(["ip", *words], check=True, capture_output=True)
+
+
+@pytest.fixture
+def cable() -> Iterator[Callable[..., Any]]:
+    """Runs a command in a network of its own, at the other end of a cable from 198.51.100.1."""
+    try:
+        ip("link", "add", "parhelion0", "type", "veth", "peer", "name", "parhelion1")
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("making network devices is not allowed here")
+    processes: list[subprocess.Popen[bytes]] = []
+
+    def run(*command: str) -> None:
+        wait = ["unshare", "-n", "sh", "-c", 'read go && exec "$@"', "sh"]
+        process = subprocess.Popen([*wait, *command], stdin=subprocess.PIPE)
+        processes.append(process)
+        own, other = os.readlink("/proc/self/ns/net"), f"/proc/{process.pid}/ns/net"
+        while os.readlink(other) == own:
+            time.sleep(0.01)
+        ip("link", "set", "parhelion1", "netns", str(process.pid))
+        enter = ["nsenter", f"--net={other}", "ip"]
+        for words in ("link set lo up", "addr add 198.51.100.2/24 dev parhelion1"):
+            subprocess.run([*enter, *words.split()], check=True)
+        subprocess.run([*enter, "link", "set", "parhelion1", "up"], check=True)
+        assert process.stdin is not None
+        process.stdin.write(b"go\n")
+        process.stdin.flush()
+
+    try:
+        ip("addr", "add", "198.51.100.1/24", "dev", "parhelion0")
+        ip("link", "set", "parhelion0", "up")
+        yield run
+    finally:
+        for process in processes:
+            process.kill()
+            process.communicate()
+        subprocess.run(["ip", "link", "del", "parhelion0"], capture_output=True)
+
+
+@pytest.mark.usefixtures("many_units")
+def test_a_cut_cable(scene: Any, cable: Callable[..., Any]) -> None:
+    asked = {**SIZE, "spp": 200}
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, host="198.51.100.1", dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        there = "tcp://198.51.100.2:9000"
+        program = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-nanny"]
+        cable(*program, "--nthreads", "1", "--contact-address", there, "--listen-address", there,
+              "--no-dashboard", cluster.scheduler_address)  # fmt: skip
+        client.wait_for_workers(2, timeout=30)
+        cut: list[int] = []
+
+        def act(_: int) -> None:
+            cut.append(len(client.processing()[there]))
+            ip("link", "set", "parhelion0", "down")
+
+        made = during(client, scene, act, 1, **asked)
+        assert cut[0]  # it was at work
     same(made, ph.render(scene, **asked))
 
 
@@ -200,11 +266,91 @@ def test_a_unit_that_always_fails_is_told_and_the_rest_is_kept(
     np.testing.assert_array_equal(made.numpy()[there], ph.render(scene, **SIZE).numpy()[there])
 
 
-def test_workers_with_another_build_are_refused(scene: Any) -> None:
-    def change() -> None:
+def one_of(client: Any) -> list[str]:
+    return [min(client.scheduler_info(n_workers=-1)["workers"])]
+
+
+@pytest.mark.usefixtures("many_units")
+def test_the_scene_goes_to_each_worker_once(scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[str] = []
+    send = roster.Roster._send
+
+    def told(self: Any, lacking: list[str]) -> None:
+        sent.extend(lacking)
+        send(self, lacking)
+
+    def let_go() -> None:
         from parhelion.cluster import worker
 
-        worker.versions = lambda: {"version": "0.0.9", "build": "x"}
+        worker._let_go()
+
+    monkeypatch.setattr(roster.Roster, "_send", told)
+    with places.opened("local:2", 1) as (client, _):
+        for seed in (0, 1):
+            made = ph.render(scene, cluster=client, threads=1, seed=seed, **SIZE)
+            same(made, ph.render(scene, seed=seed, **SIZE))
+        assert len(sent) == len(set(sent)) == 2
+        assert not client.futures  # nothing of ours is left with Dask
+        made = during(client, scene, lambda _: client.run(let_go), 1, **SIZE)
+        same(made, ph.render(scene, **SIZE))
+        assert 3 <= len(sent) <= 4  # both get it again, unless one had nothing to do any more
+
+
+@pytest.mark.usefixtures("many_units")
+@pytest.mark.parametrize("when", ["scene", "unit", "disk"])
+def test_a_worker_without_room_leaves_it_to_others(
+    when: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    def spoil(when: str = when) -> None:
+        import resource
+
+        from parhelion.cluster import worker
+        from parhelion.errors import ResourceError
+
+        def refuse(*_: Any) -> Any:
+            raise ResourceError("not enough memory here")
+
+        if when == "scene":
+            worker._built = refuse
+        elif when == "unit":
+            worker._rendered = refuse
+        else:  # any file that it would write to is full
+            resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+    scene = prepare(ph.Scene([ph.Spheres([[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]], 0.7)]))
+    asked = {**SIZE, "spp": 60}
+    with places.opened("local:2", 1) as (client, _):
+        client.run(spoil, workers=one_of(client))
+        made = ph.render(scene, cluster=client, threads=1, **asked)
+        if when == "scene":
+            assert "is left out: not enough memory here" in caplog.text
+            client.run(spoil)
+            other = ph.Scene([ph.Spheres([[0.0, 0.0, 0.0]], 0.5)])
+            with pytest.raises(ph.ResourceError, match="does not work: not enough memory here"):
+                ph.render(other, cluster=client, threads=1, **SIZE)
+    same(made, ph.render(scene, **asked))
+
+
+def test_units_are_short_in_the_end_and_long_for_many() -> None:
+    seconds = sampler.unit_seconds
+    assert seconds(1e6, 4, 0.001) == sampler.UNIT_SECONDS
+    lengths = []
+    left = 40.0  # of two workers
+    while left > 0:
+        lengths.append(seconds(left, 2, 0.001))
+        left -= lengths[-1]
+    assert lengths == sorted(lengths, reverse=True)
+    assert lengths[-1] == sampler._SHORTEST
+    # a thousand workers: this process can hand out as many units as they do
+    assert 1000 / seconds(1e9, 1000, 0.005) * 0.005 <= 0.5
+
+
+def test_workers_with_another_build_are_refused(scene: Any) -> None:
+    def change() -> None:
+        import parhelion
+        from parhelion import _core
+
+        parhelion.__version__, _core.sources = "0.0.9", "x"
 
     with places.opened("local:1", 1) as (client, _):
         client.run(change)

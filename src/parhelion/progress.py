@@ -10,12 +10,23 @@ from typing import Any, TextIO
 
 
 @dataclass(frozen=True)
+class Crew:
+    """The workers of a cluster: how many have the scene; units of work that they did, and how often
+    one was given to another.
+    """
+
+    workers: int
+    units: int
+    again: int
+
+
+@dataclass(frozen=True)
 class Progress:
     """How far a picture is. samples and rays so far; seconds since the start.
 
     total_samples: that there will be; where noise decides, as far as that can be told. error: of
     the picture at the last look at its noise, as RenderStats.error, or None. seconds_left: until
-    the time is up, None for ever.
+    the time is up, None for ever. crew: of a cluster, or None.
     """
 
     samples: int
@@ -24,6 +35,7 @@ class Progress:
     seconds: float
     error: float | None = None
     seconds_left: float | None = None
+    crew: Crew | None = None
 
     @property
     def fraction(self) -> float:
@@ -68,9 +80,16 @@ def bar(stream: TextIO | None = None) -> Iterator[ProgressCallback]:
             rate = f"{si(progress.samples / seconds)}samples/s  {si(progress.rays / seconds)}rays/s"
             if progress.error is not None:
                 rate += f"  error {100 * progress.error:.2g} %"
+            if progress.crew is not None:
+                rate += f"  {_told_crew(progress.crew)}"
             shown.update(task, completed=progress.fraction, rate=rate)
 
         yield report
+
+
+def _told_crew(crew: Crew) -> str:
+    again = f", {crew.again} again" if crew.again else ""
+    return f"{crew.workers} worker{'s' * (crew.workers != 1)}  {crew.units} units{again}"
 
 
 def _in_notebook() -> bool:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from .progress import Progress, ProgressCallback
+from .progress import Crew, Progress, ProgressCallback
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -80,6 +80,10 @@ class Sampler(Protocol):
     failures: Sequence[str]
 
     @property
+    def crew(self) -> Crew | None:
+        """The workers of a cluster."""
+
+    @property
     def threads(self) -> int:
         """How many take part."""
 
@@ -101,6 +105,7 @@ class Cores:
 
     at_once = False
     failures: Sequence[str] = ()
+    crew = None
 
     def __init__(self, core: Any, view: Any, work: Work) -> None:
         self._core, self._view, self._work = core, view, work
@@ -234,7 +239,13 @@ class Rendering:
                 expected = max(int(self._expected), spent.samples)
                 left = None if self.goal.deadline is None else max(0.0, self.goal.deadline - now)
                 state = Progress(
-                    spent.samples, expected, spent.rays, spent.seconds, self.error, left
+                    spent.samples,
+                    expected,
+                    spent.rays,
+                    spent.seconds,
+                    self.error,
+                    left,
+                    self._sampler.crew,
                 )
                 if self._report(state):
                     self._ended = "stopped"

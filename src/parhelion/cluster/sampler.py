@@ -10,18 +10,19 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import logging
 import os
 import time
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import ParhelionError, ResourceError, SceneError
-from .scenes import packed
-from .worker import Picture, Seen, Unit, WrongBuild, film_of, render_unit, versions
+from ..errors import ParhelionError, ResourceError
+from ..progress import Crew
+from .roster import LOOK, Roster
+from .worker import Failed, Lacking, Picture, Seen, Unit, film_of, render_unit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,37 +31,40 @@ if TYPE_CHECKING:
     from ..progressive import Tick
     from ..scene import Camera, Settings
 
-log = logging.getLogger("parhelion")
-
-# Seconds that a unit should take: enough that handing it out costs next to nothing, and little
-# enough that the last ones end at about the same time.
+# Seconds that a unit takes while there is much left to do
 UNIT_SECONDS = 0.5
-# Units that a worker has at a time: one to do while the next one travels.
-_EACH = 2
+# Units that a worker has at a time: one to do while the next one travels
+EACH = 2
+# The last units are shorter, so that workers end at about the same time: each has at least so many
+# units to come, until they would take less than this. Seconds.
+_LAST, _SHORTEST = 4, 0.02
+# Of the seconds between two answers, the share that may go into taking one in and handing out the
+# next
+_BUSY = 0.5
 # Samples of a unit before any speed is known
 _FIRST = 1 << 15
-# Edge of a tile in pixels, at most, and tiles that there should be for each worker, at least.
-_EDGE, _TILES = 64, 8
-# How often a unit is tried, on other workers if there are any, before the rest goes on without it
+# Edge of a tile in pixels, at most, and tiles that there should be for each worker, at least
+EDGE, TILES = 64, 8
+# How often a unit is tried, by other workers if there are any, before the rest goes on without it;
+# and how many units in a row a worker may fail at before others are preferred
 _TRIES = 3
 # A unit that takes so many times as long as the slowest that came back is given to another worker
-# as well, and the first answer counts.
-_LATE = 3.0
-# Seconds between two looks at what came, when nothing did; and at which workers there are.
-_PAUSE, _LOOK = 0.005, 1.0
-# Seconds without any worker after which that is told
-_ALONE = 10.0
+# as well, and the first answer counts; before any came back, one that takes so many seconds.
+_LATE, _LATE_FIRST = 3.0, 10.0
+# Seconds between two looks at what came, when nothing did
+_PAUSE = 0.01
 
 
 @dataclass(eq=False)
 class _Tile:
-    """A tile of the film: its place there, and how often its last unit has failed."""
+    """A tile of the film: its place there, how often its last unit has failed, and with whom."""
 
     x: int
     y: int
     width: int
     height: int
     failed: int = 0
+    failed_with: set[str] = field(default_factory=set)
 
     @property
     def at(self) -> tuple[slice, slice]:
@@ -69,10 +73,13 @@ class _Tile:
 
 @dataclass(eq=False)
 class _Task:
-    """A unit that was handed out. futures: by those who do it, the first answer counts."""
+    """A unit that was handed out. samples: that it takes. futures: by those who do it, the first
+    answer counts.
+    """
 
     tile: _Tile
     unit: Unit
+    samples: int
     since: float
     futures: list[Any]
 
@@ -101,20 +108,19 @@ class Workers:
     ) -> None:
         from distributed import as_completed
 
-        from .. import _core
+        from .. import __version__, _core
 
-        self._client, self._errors = client, errors
+        self._client, self._errors, self._film = client, errors, film
         self.failures: Sequence[str] = ()
+        self._units = self._again = 0
         self._took_part: dict[str, Seen] = {}
-        self._fetching: dict[str, Any] = {}
-        self._standing: set[str] = set()  # workers that are late
-        _check(self._told(client))
-        skeleton, bundles = packed(flat.parts)
-        scene = flat.sha256()
+        self._standing: set[str] = set()  # workers that are late, or fail
+        self._failing: Counter[str] = Counter()  # units in a row at which a worker has failed
         self._picture = Picture(
+            name=f"parhelion-{os.urandom(8).hex()}",
+            version=__version__,
             build=_core.sources,
-            scene=scene,
-            skeleton=skeleton,
+            scene=flat.sha256(),
             camera=asdict(camera),
             settings=asdict(settings),
             tree=tree,
@@ -122,34 +128,17 @@ class Workers:
             threads=threads,
             isa=isa,
         )
-        # Its content names each bundle, so that workers that have it already get nothing.
-        self._named = {f"parhelion-{scene}-{i}": bundle for i, bundle in enumerate(bundles)}
-        self._name = f"parhelion-{os.urandom(8).hex()}"
-        self._sent: list[Any] = []
-        self._workers: set[str] = set()
-        self._looked = 0.0
+        self._roster = Roster(client, self._picture, flat.parts)
         self._counts = np.zeros((0, 0), np.uint32)
-        self._film = film
         self._tiles: list[_Tile] = []
         self._tasks: dict[int, _Task] = {}
         self._by_key: dict[str, int] = {}
         self._numbers = itertools.count()
         self._coming = as_completed(with_results=True, raise_errors=False)
         self._samples, self._seconds = 0.0, 0.0  # of the last units, whose ratio is the speed
+        self._left = 0  # samples that no unit has yet
+        self._cost = 0.0  # seconds that a unit keeps this process busy
         self._slowest = 0.0
-
-    @staticmethod
-    def _told(client: Any) -> dict[str, Any]:
-        from distributed.comm.core import CommClosedError
-
-        try:
-            client.wait_for_workers(1, timeout=_ALONE)
-            found: dict[str, Any] = client.run(versions, on_error="return")
-        except TimeoutError as error:
-            raise ResourceError("the cluster has no workers") from error
-        except (OSError, CommClosedError) as error:
-            raise ResourceError(f"the cluster does not answer: {error}") from error
-        return found
 
     def take(
         self, film: Any, targets: NDArray[np.uint32], pixels: int, tick: Tick
@@ -171,10 +160,9 @@ class Workers:
     def _take(self, film: Any, targets: NDArray[np.uint32], tick: Tick) -> tuple[int, int, bool]:
         wanted = _by_pixel(film, targets)
         samples = rays = 0
-        self._look()
         if not self._tiles:  # a checkpoint was read, if there is one
             self._counts = film.arrays()[1]
-            self._tiles = _tiles(film, len(self._workers))
+            self._tiles = _tiles(film, len(self._roster.there))
         waiting = [
             (int(self._counts[tile.at].min()), i)
             for i, tile in enumerate(self._tiles)
@@ -182,10 +170,13 @@ class Workers:
         ]
         heapq.heapify(waiting)
         places = {id(tile): i for i, tile in enumerate(self._tiles)}
+        self._left = int(np.maximum(wanted, self._counts).sum(dtype=np.int64) - self._counts.sum())
         stopped = False
         while (waiting or self._tasks) and not stopped:
-            self._look()
-            while waiting and len(self._tasks) < _EACH * max(1, len(self._workers)):
+            begun = time.perf_counter()
+            self._roster.look()
+            self._help()
+            while waiting and len(self._tasks) < EACH * len(self._roster.ready):
                 tile = self._tiles[heapq.heappop(waiting)[1]]
                 self._hand_out(tile, wanted[tile.at])
             came = [a for f, seen in self._arrived() if (a := self._answered(f, seen)) is not None]
@@ -194,13 +185,23 @@ class Workers:
                 if seen is not None:
                     self._add(task, seen)
                     samples, rays = samples + seen.samples, rays + seen.rays
+                else:
+                    self._left += task.samples
                 if tile.failed < _TRIES and (self._counts[tile.at] < wanted[tile.at]).any():
                     heapq.heappush(waiting, (int(self._counts[tile.at].min()), places[id(tile)]))
             stopped = tick(samples, rays)
-            if not came:
+            if came:
+                each = (time.perf_counter() - begun) / len(came)
+                self._cost = 0.9 * self._cost + 0.1 * each if self._cost else each
+            else:
                 time.sleep(_PAUSE)
         self._drop()
         return samples, rays, not stopped and not self.failures
+
+    @property
+    def crew(self) -> Crew:
+        """Who is at it, and how far they are."""
+        return Crew(len(self._roster.ready), self._units, self._again)
 
     @property
     def threads(self) -> int:
@@ -215,43 +216,23 @@ class Workers:
     def close(self) -> None:
         """Lets go of what the workers hold."""
         self._drop()
-        self._sent.clear()
-        self._fetching.clear()
-
-    def _look(self) -> None:
-        """Which workers there are; new ones get the scene."""
-        now = time.monotonic()
-        if now < self._looked + _LOOK:
-            return
-        self._looked = now
-        if self._client.status != "running":
-            raise ResourceError("the cluster's scheduler is gone")
-        there = set(self._client.scheduler_info(n_workers=-1)["workers"])
-        if there and there.isdisjoint(self._workers):  # none has it, or they are gone
-            named = {**self._named, self._name: self._picture}
-            self._sent = list(self._client.scatter(named, broadcast=True, hash=False).values())
-        else:
-            for worker in there - self._workers:  # Dask gives work to those that have the scene
-                self._fetching[worker] = self._client.submit(
-                    len, self._sent, workers=[worker], key=f"{self._name}-{worker}", pure=False
-                )
-        if not there and self._workers:
-            log.warning("the cluster has no workers any more; waiting for some")
-        self._workers = there
-        self._help()
+        self._roster.close()
 
     def _hand_out(self, tile: _Tile, wanted: NDArray[np.uint32]) -> None:
         """Begins the next unit of a tile."""
         begun = self._counts[tile.at].copy()
-        area = tile.width * tile.height
-        samples = self._samples * UNIT_SECONDS / self._seconds if self._seconds else _FIRST
-        step = max(1, int(samples / area))
+        samples = float(_FIRST)
+        if self._seconds:
+            speed, workers = self._samples / self._seconds, max(1, len(self._roster.ready))
+            samples = speed * unit_seconds(self._left / speed, workers, self._cost)
+        step = max(1, int(samples / (tile.width * tile.height)))
         to = np.minimum(wanted, begun + np.uint32(step))
         if self._errors:  # means are kept of powers of two, which only the whole film knows
             powers = np.uint32(1) << np.ceil(np.log2(begun + 1.0)).astype(np.uint32)
             to = np.where(begun == 0, to, np.minimum(to, powers))
         unit = Unit(
             number=next(self._numbers),
+            picture=self._picture.name,
             x=self._film.x + tile.x,
             y=self._film.y + tile.y,
             width=tile.width,
@@ -261,23 +242,26 @@ class Workers:
             errors=self._errors and not begun.all(),
             features=self._features_of(tile) if self._picture.features else b"",
         )
-        task = _Task(tile, unit, time.monotonic(), [])
+        handed = int((np.maximum(to, begun) - begun).sum(dtype=np.int64))
+        self._left -= handed
+        task = _Task(tile, unit, handed, time.monotonic(), [])
         self._tasks[unit.number] = task
         self._submit(task)
 
     def _submit(self, task: _Task) -> None:
-        others = list(self._workers - self._standing) if self._standing else []
-        key = f"{self._name}-{task.unit.number}-{len(task.futures)}"
+        ready = self._roster.ready
+        good = (
+            ready - self._standing - task.tile.failed_with or ready - task.tile.failed_with or ready
+        )
+        key = f"{self._picture.name}-{task.unit.number}-{len(task.futures)}"
         future = self._client.submit(
             render_unit,
-            self._sent[-1],
             task.unit,
-            self._sent[:-1],
             key=key,
             pure=False,
-            workers=others or None,
-            allow_other_workers=bool(others),
+            workers=None if good == self._roster.there else list(good),
         )
+        self._again += bool(task.futures)
         task.futures.append(future)
         self._by_key[key] = task.unit.number
         self._coming.add(future)
@@ -287,9 +271,9 @@ class Workers:
         they answer.
         """
         now = time.monotonic()
-        late = now - max(_LATE * self._slowest, _LOOK)
+        late = now - (max(_LATE * self._slowest, LOOK) if self._slowest else _LATE_FIRST)
         tasks = [task for task in self._tasks.values() if task.since < late]
-        if not tasks or not self._slowest:
+        if not tasks or not self._roster.ready:
             return
         keys = {future.key for task in tasks for future in task.futures}
         for worker, theirs in self._client.processing().items():
@@ -308,18 +292,31 @@ class Workers:
         task = None if number is None else self._tasks.get(number)
         if number is None or task is None:
             return None
-        if future.status == "finished":
+        if future.status == "finished" and isinstance(result, Seen):
             self._forget(task)
+            self._units += 1
             return task, result
-        error = future.exception() if future.status == "error" else None
-        if isinstance(error, WrongBuild):
-            raise SceneError(str(error)) from error
         if any(f is not future and not f.done() for f in task.futures):
             return None  # another worker is still at it
         self._forget(task)
-        task.tile.failed += 1
-        if task.tile.failed >= _TRIES:
-            self._give_up(task, error)
+        self._again += 1
+        tile = task.tile
+        if isinstance(result, Lacking):
+            self._roster.lacks(result.worker)
+            return task, None
+        tile.failed += 1
+        if isinstance(result, Failed):
+            why = result.why
+            tile.failed_with.add(result.worker)
+            self._failing[result.worker] += 1
+            if self._failing[result.worker] >= _TRIES:
+                self._standing.add(result.worker)
+        elif future.status == "error":  # it has ended several workers
+            why, tile.failed = str(future.exception()), _TRIES
+        else:
+            why = "cancelled"
+        if tile.failed >= _TRIES:
+            self._give_up(task, why)
         return task, None
 
     def _forget(self, task: _Task) -> None:
@@ -338,6 +335,8 @@ class Workers:
         )
         self._counts[tile.at] = np.maximum(begun, unit.targets)
         tile.failed = 0
+        tile.failed_with.clear()
+        del self._failing[seen.worker]
         self._took_part[seen.worker] = seen
         if seen.samples:
             self._samples = 0.9 * self._samples + seen.samples
@@ -352,13 +351,13 @@ class Workers:
         rows = values.reshape(height, width, values.size // (height * width))
         return bytes(np.ascontiguousarray(rows[tile.at]).data)
 
-    def _give_up(self, task: _Task, error: BaseException | None) -> None:
+    def _give_up(self, task: _Task, why: str) -> None:
         unit = task.unit
         crop = f"{unit.x},{unit.y},{unit.width},{unit.height}"
         first, last = int(np.min(unit.begun)), int(np.max(unit.targets))
         told = (
             f"samples {first} to {last - 1} of the pixels {crop} (x, y, width, height) failed"
-            f" {_TRIES} times: {error or 'cancelled'}; `parhelion render SCENE --crop {crop} --spp"
+            f" {_TRIES} times: {why}; `parhelion render SCENE --crop {crop} --spp"
             f" {last}` with the picture's other options tries them here"
         )
         self.failures = (*self.failures, told)
@@ -369,23 +368,12 @@ class Workers:
             self._forget(task)
 
 
-def _check(told: dict[str, Any]) -> None:
-    """Raises SceneError for workers whose samples might not be ours."""
-    from .. import __version__
-
-    ours = versions()
-    for worker, theirs in sorted(told.items()):
-        if isinstance(theirs, ModuleNotFoundError):
-            raise SceneError(f"the worker {worker} has no Parhelion: {theirs}")
-        if isinstance(theirs, BaseException):
-            raise ResourceError(f"the worker {worker} does not work: {theirs}")
-        if theirs != ours:
-            version = theirs.get("version")
-            what = "another build" if version == __version__ else f"version {version}"
-            raise SceneError(
-                f"the worker {worker} has {what} of Parhelion, and this is {__version__};"
-                " samples might differ"
-            )
+def unit_seconds(left: float, workers: int, cost: float) -> float:
+    """Seconds that the next unit should take. left: that all units to come take together; cost:
+    that each keeps the process which hands them out.
+    """
+    shortest = max(_SHORTEST, workers * cost / _BUSY)
+    return max(shortest, min(UNIT_SECONDS, left / (_LAST * workers)))
 
 
 def _by_pixel(film: Any, targets: NDArray[np.uint32]) -> NDArray[np.uint32]:
@@ -404,8 +392,8 @@ def _tiles(film: Any, workers: int) -> list[_Tile]:
     """The tiles of a film: large ones, if there are enough of them for all workers."""
     from .. import _core
 
-    edge = _EDGE
-    while edge > _core.block and (film.width * film.height) / edge**2 < _TILES * workers:
+    edge = EDGE
+    while edge > _core.block and (film.width * film.height) / edge**2 < TILES * workers:
         edge //= 2
     return [
         _Tile(x, y, min(edge, film.width - x), min(edge, film.height - y))

@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from .. import machine
+from .. import machine, memory
 from ..errors import ParhelionError, ResourceError
 from .scenes import unpacked
 
-# Scenes with their trees that a worker keeps: that of the picture, and of the ones before. Those
-# that are not in use are let go of when memory is short.
-_KEPT = 3
+# Of the memory that is free, the share that scenes of other pictures may hold. They are let go of
+# before a scene that would find no room otherwise, too.
+_SHARE = 0.25
+# Pictures that are known; they are a kilobyte each, and a view.
+_PICTURES = 64
 
 
 class WrongBuild(ParhelionError):
@@ -26,11 +28,14 @@ class WrongBuild(ParhelionError):
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What all units of a picture have in common. scene: its hash. threads: 0 for all cores."""
+    """What all units of a picture have in common. name: no other picture has it. scene: its hash.
+    threads: 0 for all cores.
+    """
 
+    name: str
+    version: str
     build: str
     scene: str
-    skeleton: bytes
     camera: dict[str, Any]
     settings: dict[str, Any]
     tree: bool
@@ -42,11 +47,12 @@ class Picture:
 @dataclass(frozen=True, eq=False)
 class Unit:
     """A rectangle of the whole picture's pixels, and how many samples each has and shall have, (H,
-    W) uint32, or one number for all. errors: whether means for errors are to be kept. features:
-    what the film has seen so far, as bytes.
+    W) uint32, or one number for all. picture: its name. errors: whether means for errors are to be
+    kept. features: what the film has seen so far, as bytes.
     """
 
     number: int
+    picture: str
     x: int
     y: int
     width: int
@@ -72,27 +78,91 @@ class Seen:
     seconds: float
 
 
+@dataclass(frozen=True)
+class Lacking:
+    """What a worker without the scene answers to a unit."""
+
+    worker: str
+
+
+@dataclass(frozen=True)
+class Failed:
+    """What a worker answers to a unit that it cannot do."""
+
+    worker: str
+    why: str
+
+
 # One unit at a time takes all cores, however many tasks the worker may run at once.
 _busy = threading.Lock()
 _scenes: OrderedDict[str, Any] = OrderedDict()
+# Each with its view of the scene, once there is one
+_pictures: OrderedDict[str, tuple[Picture, Any]] = OrderedDict()
 
 
-def versions() -> dict[str, str]:
-    """What a worker runs."""
+def greet(picture: Picture) -> bool:
+    """Hears of a picture; whether its scene is there. Raises WrongBuild."""
     from .. import __version__, _core
 
-    return {"version": __version__, "build": _core.sources}
+    if picture.build != _core.sources:
+        what = f"version {__version__}" if __version__ != picture.version else "another build"
+        raise WrongBuild(
+            f"has {what} of Parhelion, and this is {picture.version}; samples might differ"
+        )
+    with _busy:
+        _pictures[picture.name] = picture, None
+        while len(_pictures) > _PICTURES:
+            _pictures.popitem(last=False)
+        return picture.scene in _scenes
 
 
-def film_of(unit: Unit, features: bool, memory: Sequence[bytes] = ()) -> Any:
+def keep(scene: str, skeleton: bytes, bundles: Sequence[Any]) -> None:
+    """Takes a scene, by its hash, and builds its tree. Raises ResourceError."""
+    from ..flatten import Flat
+
+    flat = Flat(unpacked(skeleton, bundles), [], [], [])
+    if flat.sha256() != scene:
+        raise ResourceError("the scene did not arrive as it was sent")
+    with _busy:
+        if scene not in _scenes:
+            _scenes[scene] = _built(flat)
+
+
+def _built(flat: Any) -> Any:
+    """The core's scene, with room made for it."""
+    from ..renderer import build
+
+    held = sum(core.stats()["bytes"] for core in _scenes.values())
+    room = memory.available()
+    while _scenes and room is not None and held > _SHARE * (room + held):
+        held -= _let_go()
+    while True:
+        try:
+            return build(flat)
+        except ResourceError:
+            if not _scenes:
+                raise
+            _let_go()
+
+
+def _let_go() -> int:
+    """Of the scene that was not used for longest; the bytes that it held."""
+    scene, core = _scenes.popitem(last=False)
+    for name, (picture, _) in _pictures.items():
+        if picture.scene == scene:
+            _pictures[name] = picture, None
+    return int(core.stats()["bytes"])
+
+
+def film_of(unit: Unit, features: bool, stored: Sequence[bytes] = ()) -> Any:
     """The film of a unit, before it is rendered or, with the film's memory, as it was seen."""
     from .. import _core
 
     film = _core.Film(unit.x, unit.y, unit.width, unit.height, features, unit.errors)
-    for values, stored in zip(film.memory(), memory, strict=False):
-        if values.nbytes != len(stored):
+    for values, part in zip(film.memory(), stored, strict=False):
+        if values.nbytes != len(part):
             raise ValueError("a unit's memory is not as long as that of its film")
-        values[:] = np.frombuffer(stored, np.uint8)
+        values[:] = np.frombuffer(part, np.uint8)
     return film
 
 
@@ -102,58 +172,56 @@ def counts_of(unit: Unit, counts: Any) -> Any:
     return np.ascontiguousarray(whole)
 
 
-def render_unit(picture: Picture, unit: Unit, bundles: Sequence[Any]) -> Seen:
-    """Renders a unit. Raises WrongBuild, ResourceError, and whatever may happen on a machine."""
+def render_unit(unit: Unit) -> Seen | Lacking | Failed:
+    """Renders a unit."""
     from distributed import get_worker
 
+    address = get_worker().address
+    try:
+        with _busy:
+            prepared = _prepared(unit.picture)
+            return Lacking(address) if prepared is None else _rendered(unit, address, *prepared)
+    except Exception as error:  # whatever may happen on a machine
+        return Failed(address, f"{type(error).__name__}: {error}")
+
+
+def _rendered(unit: Unit, address: str, picture: Picture, core: Any, view: Any) -> Seen:
     from .. import _core
 
-    if picture.build != _core.sources:
-        raise WrongBuild("a worker has another build of Parhelion")
-    with _busy:
-        core, view = _prepared(picture, bundles)
-        film = film_of(unit, picture.features)
-        film.begin(counts_of(unit, unit.begun))
-        if picture.features:
-            film.memory()[1][:] = np.frombuffer(unit.features, np.uint8)
-        threads = picture.threads or machine.cores_available()
-        isa = picture.isa or _core.instruction_set()
-        start = time.perf_counter()
-        samples, rays, _ = film.render(
-            core,
-            view,
-            counts_of(unit, unit.targets),
-            threads=threads,
-            tile=8,
-            schedule="dynamic",
-            isa=isa,
-            tick=None,
-        )
-        seconds = time.perf_counter() - start
+    film = film_of(unit, picture.features)
+    film.begin(counts_of(unit, unit.begun))
+    if picture.features:
+        film.memory()[1][:] = np.frombuffer(unit.features, np.uint8)
+    threads = picture.threads or machine.cores_available()
+    isa = picture.isa or _core.instruction_set()
+    start = time.perf_counter()
+    samples, rays, _ = film.render(
+        core,
+        view,
+        counts_of(unit, unit.targets),
+        threads=threads,
+        tile=8,
+        schedule="dynamic",
+        isa=isa,
+        tick=None,
+    )
+    seconds = time.perf_counter() - start
     pixels, features, prefixes = (values.tobytes() for values in film.memory())
-    worker = get_worker().address
-    return Seen(worker, threads, isa, (pixels, features, prefixes), samples, rays, seconds)
+    return Seen(address, threads, isa, (pixels, features, prefixes), samples, rays, seconds)
 
 
-def _prepared(picture: Picture, bundles: Sequence[Any]) -> tuple[Any, Any]:
-    """The core's scene and view of a picture."""
-    from ..flatten import Flat
-    from ..renderer import build, make_view
+def _prepared(name: str) -> tuple[Picture, Any, Any] | None:
+    """A picture, the core's scene of it, and the view; None where it is not known here."""
+    from ..renderer import make_view
     from ..scene import Camera, Settings
 
-    core = _scenes.get(picture.scene)
-    if core is None:
-        while len(_scenes) >= _KEPT:
-            _scenes.popitem(last=False)
-        flat = Flat(unpacked(picture.skeleton, bundles), [], [], [])
-        if flat.sha256() != picture.scene:
-            raise ResourceError("the scene did not arrive as it was sent")
-        try:
-            core = build(flat)
-        except ResourceError:
-            _scenes.clear()  # what is kept of other pictures may be what lacks
-            core = build(flat)
-        _scenes[picture.scene] = core
+    picture, view = _pictures.get(name, (None, None))
+    if picture is None or picture.scene not in _scenes:
+        return None
+    core = _scenes[picture.scene]
     _scenes.move_to_end(picture.scene)
-    view = make_view(core, Camera(**picture.camera), Settings(**picture.settings), picture.tree)
-    return core, view
+    if view is None:
+        camera, settings = Camera(**picture.camera), Settings(**picture.settings)
+        view = make_view(core, camera, settings, picture.tree)
+        _pictures[name] = picture, view
+    return picture, core, view

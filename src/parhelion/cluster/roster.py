@@ -1,0 +1,173 @@
+"""Which workers there are, and how each gets the scene of a picture.
+
+A worker that has a scene keeps it, so units of work need none of Dask's own data, which is lost
+with the worker that holds it. While some lack the scene, its arrays lie on one of them, for the
+others to fetch; when all have it, they are let go of.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import ResourceError, SceneError
+from .scenes import packed
+from .worker import Picture, WrongBuild, greet, keep
+
+log = logging.getLogger("parhelion")
+
+# Seconds between two looks at which workers there are
+LOOK = 1.0
+# Seconds that the first worker, and its first answer, may take
+_ALONE = 10.0
+# Seconds between two looks at whether it has come
+_PAUSE = 0.005
+# Workers that may end with the scene, one after the other, before it is taken to be the cause
+_DEATHS = 5
+
+
+@dataclass(eq=False)
+class _Worker:
+    """state: "unknown", "lacking" while it has no scene, "ready" or "refused". asked: the answer to
+    come: to the greeting of one that is unknown, to the scene of one that lacks it.
+    """
+
+    state: str = "unknown"
+    asked: Any = None
+
+
+class Roster:
+    """The workers of a cluster, for one picture. there: their addresses; ready: of those that have
+    the scene.
+
+    Raises SceneError for workers whose samples might not be ours, and ResourceError where there are
+    none, or none that can take the scene.
+    """
+
+    def __init__(self, client: Any, picture: Picture, parts: Mapping[str, Any]) -> None:
+        self._client, self._picture, self._parts = client, picture, parts
+        self._workers: dict[str, _Worker] = {}
+        self._sent: list[Any] = []
+        self._numbers = itertools.count()
+        self._looked = -LOOK
+        self._begun = False
+        self._died = 0  # with the scene, one after the other
+        self.there: frozenset[str] = frozenset()
+        self.ready: frozenset[str] = frozenset()
+        self._begin()
+
+    def look(self) -> None:
+        """Sees, once in LOOK seconds, who came and who went; those that lack the scene get it."""
+        now = time.monotonic()
+        if now < self._looked + LOOK and not any(w.asked for w in self._workers.values()):
+            return
+        if now >= self._looked + LOOK:
+            self._looked = now
+            self._call()
+        for address, worker in self._workers.items():
+            if worker.asked is not None and worker.asked.done():
+                self._hear(address, worker)
+        lacking = []
+        for address, worker in self._workers.items():
+            if worker.asked is None and worker.state == "unknown":
+                worker.asked = self._ask(address, greet, self._picture)
+            elif worker.asked is None and worker.state == "lacking":
+                lacking.append(address)
+        if lacking:
+            self._send(lacking)
+        elif not any(worker.state == "lacking" for worker in self._workers.values()):
+            self._sent.clear()
+        self.ready = frozenset(a for a, w in self._workers.items() if w.state == "ready")
+
+    def lacks(self, address: str) -> None:
+        """One that was ready has let go of the scene."""
+        if address in self._workers and self._workers[address].asked is None:
+            self._workers[address].state = "unknown"
+            self.ready -= {address}
+            self._looked = -LOOK
+
+    def close(self) -> None:
+        """Lets go of what lies on the workers."""
+        self._workers.clear()
+        self._sent.clear()
+
+    def _begin(self) -> None:
+        """Waits for workers, and for what they say of themselves."""
+        from distributed.comm.core import CommClosedError
+
+        try:
+            self._client.wait_for_workers(1, timeout=_ALONE)
+        except TimeoutError as error:
+            raise ResourceError("the cluster has no workers") from error
+        except (OSError, CommClosedError) as error:
+            raise ResourceError(f"the cluster does not answer: {error}") from error
+        end = time.monotonic() + _ALONE
+        self.look()
+        while any(w.state == "unknown" for w in self._workers.values()) and time.monotonic() < end:
+            time.sleep(_PAUSE)
+            self.look()
+        self._begun = True
+
+    def _refuse(self, address: str, error: BaseException) -> None:
+        """Raises what a worker's answer means for the picture."""
+        if isinstance(error, WrongBuild):
+            raise SceneError(f"the worker {address} {error}") from error
+        if isinstance(error, ImportError):
+            raise SceneError(f"the worker {address} has no Parhelion: {error}") from error
+        raise ResourceError(f"the worker {address} does not work: {error}") from error
+
+    def _call(self) -> None:
+        if self._client.status != "running":
+            raise ResourceError("the cluster's scheduler is gone")
+        there = frozenset(self._client.scheduler_info(n_workers=-1)["workers"])
+        for address in self.there - there:
+            worker = self._workers.pop(address)
+            self._died += worker.state == "lacking"
+        for address in there - self.there:
+            self._workers[address] = _Worker()
+        if not there and self.there:
+            log.warning("the cluster has no workers any more; waiting for some")
+        self.there = there
+        if self._died > max(_DEATHS, len(there)):
+            raise ResourceError(
+                f"{self._died} workers ended when they got the scene; it may need more memory than"
+                " they have"
+            )
+
+    def _hear(self, address: str, worker: _Worker) -> None:
+        """Takes an answer."""
+        future, worker.asked = worker.asked, None
+        if future.status == "finished":
+            knows = worker.state == "lacking" or future.result()
+            worker.state = "ready" if knows else "lacking"
+            self._died = 0
+        elif future.status == "error":
+            worker.state, error = "refused", future.exception()
+            alone = all(w.state == "refused" for w in self._workers.values())
+            if alone or (not self._begun and isinstance(error, (WrongBuild, ImportError))):
+                self._refuse(address, error)
+            log.warning("the worker %s is left out: %s", address, error)
+        else:  # what it was to fetch was lost with the worker that had it
+            worker.state = "unknown"
+            self._sent.clear()
+
+    def _send(self, lacking: list[str]) -> None:
+        """Has workers fetch the scene and build its tree."""
+        if not self._sent:
+            skeleton, bundles = packed(self._parts)
+            name = f"{self._picture.name}-scene-{next(self._numbers)}"
+            named = {f"{name}-{i}": part for i, part in enumerate([skeleton, *bundles])}
+            sent = self._client.scatter(named, workers=lacking[:1], hash=False)
+            self._sent = list(sent.values())
+        for address in lacking:
+            self._workers[address].asked = self._ask(
+                address, keep, self._picture.scene, self._sent[0], self._sent[1:]
+            )
+
+    def _ask(self, address: str, function: Any, *arguments: Any) -> Any:
+        key = f"{self._picture.name}-{function.__name__}-{next(self._numbers)}"
+        return self._client.submit(function, *arguments, workers=[address], key=key, pure=False)
