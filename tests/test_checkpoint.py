@@ -256,6 +256,38 @@ def test_killed_and_resumed_it_is_the_same_picture(tmp_path: Path, long: bool) -
         assert told[f"parhelion:{name}"] == others[f"parhelion:{name}"]
 
 
+WATCHED = """
+import sys
+import parhelion as ph
+
+def told(progress):
+    print(progress.samples, progress.seconds, flush=True)
+
+ph.render(ph.weekend(), width=160, height=90, spp=10**7, checkpoint=sys.argv[1],
+          checkpoint_every=float(sys.argv[2]), progress=told)
+"""
+
+
+def test_no_more_than_one_interval_is_lost(tmp_path: Path) -> None:
+    """And a pass, and the time to write it: a second here, for a machine that is busy."""
+    interval, end = 0.4, 2.0 + random.Random().random()
+    file = tmp_path / "a"
+    words = [sys.executable, "-c", WATCHED, str(file), str(interval)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        samples = seconds = 0.0
+        assert process.stdout is not None
+        for line in process.stdout:
+            samples, seconds = map(float, line.split())
+            if seconds > end:
+                process.kill()
+        assert process.wait() == -signal.SIGKILL
+    kept = ph.render(
+        ph.weekend(), width=160, height=90, spp=10**7, checkpoint=file, resume=True,
+        progress=lambda _: True,
+    ).stats.samples  # fmt: skip
+    assert (1.0 - kept / samples) * seconds < interval + 1.0
+
+
 def test_the_command_goes_on_after_ctrl_c(tmp_path: Path) -> None:
     file = tmp_path / "a.exr.checkpoint"
     with subprocess.Popen(command(tmp_path, "--noise", "0.001"), stderr=subprocess.PIPE) as process:
@@ -349,7 +381,7 @@ def test_the_picture_is_no_checkpoint(capsys: pytest.CaptureFixture[str], tmp_pa
 
 
 SCRIPT = """
-import ctypes, errno, os, sys
+import ctypes, errno, io, os, sys, zipfile
 import parhelion as ph
 from parhelion.image import read_pixels
 from parhelion.renderer import prepare
@@ -365,6 +397,10 @@ def same_pixels(a, b):
 
 def checkpointed(spp):
     ph.render(spheres, checkpoint=folder + "/a.checkpoint", resume=True, spp=spp, **size)
+
+def film(data):
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:  # all but what tells of seconds
+        return {n: archive.read(n) for n in archive.namelist() if not n.endswith(".json")}
 
 def saved(ending):
     def save(spp):
@@ -395,8 +431,8 @@ for name, write in (
             if not failed:
                 break
             assert {*os.listdir(folder)} <= {"a.checkpoint", "a.png", "a.exr"}, calls
-            if name == "a.checkpoint":  # only a warning; what is there can be gone on with
-                checkpointed(2)
+            if name == "a.checkpoint":  # only a warning
+                assert now == old or film(now) == film(whole), (name, calls)
             else:  # an error, or the new one: it had taken its place when the call failed
                 assert now == old or same_pixels(now, whole), (name, calls)
                 assert now != old or os.strerror(number) in error, (name, calls, error)

@@ -865,3 +865,15 @@ def test_a_picture_larger_than_memory(tmp_path: Path) -> None:
     said = r"parhelion: error: not enough memory: a picture of 65536x65536 takes .*\n"
     assert re.fullmatch(said, done.stderr), done.stderr
     assert os.listdir(tmp_path) == []
+
+
+def test_options_of_files_are_not_for_the_scene_without_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "a.png"
+    for words in (["--view", "front"], ["--environment", "a.exr"], ["--frame", "3"]):
+        assert cli.main(["render", *words, "-o", str(file)]) == 2
+        said = capsys.readouterr().err
+        assert f"the option {words[0]!r} is not for the built-in scene, but for files" in said
+    assert not file.exists()
+    assert cli.main(["render", "--background", "white", "--width", "16", "-o", str(file), "-q"]) == 0

@@ -204,13 +204,15 @@ def load_options(args: argparse.Namespace) -> LoadOptions:
 
 def load_scene(args: argparse.Namespace) -> Scene:
     """The scene that the arguments name."""
+    from ..io import check_options, load
+
+    read_as = load_options(args)
     if args.scene is None:
         from ..builtin import weekend
 
+        check_options(read_as, None, "the built-in scene, but for files")
         return weekend()
-    from ..io import load
-
-    return load(args.scene, load_options(args))
+    return load(args.scene, read_as)
 
 
 @contextmanager

@@ -197,8 +197,9 @@ def _add_work(p: argparse.ArgumentParser) -> None:
     work.add_argument(
         "--cluster",
         metavar="WHERE",
-        help="who renders: local:N, as many processes, or the address of a scheduler of"
-        " dask.distributed, such as tcp://HOST:8786; --threads are those of each worker then",
+        help="who renders: local:N, as many processes; the address of a scheduler of"
+        " dask.distributed, such as tcp://HOST:8786; or slurm:FILE, jobs as a file says; --threads"
+        " are those of each worker then",
     )
     work.add_argument("--tree", default="bvh", help="bvh, or none to test every primitive")
     work.add_argument("--schedule", default="dynamic", help="OpenMP's: dynamic, static or guided")
@@ -237,7 +238,7 @@ def run(args: argparse.Namespace) -> int:
     )
     settings = {name: getattr(args, name) for name in names}
     if args.backdrop is not None:
-        if args.ground is None:
+        if args.ground is None and args.scene is not None:
             args.ground = False  # it would cover most of what was asked for
         if not output.lower().endswith(".exr"):  # the colour is to be seen as it was named
             settings["backdrop"] = Display(**options.display(args)).before(args.backdrop)

@@ -290,14 +290,16 @@ def resolved(
     return file, module, options
 
 
-def check_options(options: LoadOptions, known: Sequence[str], what: str) -> None:
-    """Raises SceneError for an option that was given and is neither known nor EVERY_FORMAT's."""
-    known = (*known, *EVERY_FORMAT)
+def check_options(options: LoadOptions, known: Sequence[str] | None, what: str) -> None:
+    """Raises SceneError for an option that was given and is neither known nor EVERY_FORMAT's. None:
+    no option is.
+    """
+    known = () if known is None else (*known, *EVERY_FORMAT)
     for given in fields(LoadOptions):
         if given.name not in known and getattr(options, given.name) != _default(given):
-            choices = ", ".join(map(option, known))
+            choices = f" (choices: {', '.join(map(option, known))})" if known else ""
             raise SceneError(
-                f"the option {option(given.name)!r} is not for {what} (choices: {choices})"
+                f"the option {option(given.name)!r} is not for {what}{choices}"
             )
 
 
