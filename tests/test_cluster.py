@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import logging
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,9 +20,10 @@ import pytest
 
 import parhelion as ph
 from parhelion import cli
-from parhelion.cluster import places, roster, sampler, scenes
+from parhelion.cluster import dispatch, places, roster, sampler, scenes
 from parhelion.flatten import Flat
 from parhelion.renderer import prepare
+from parhelion.view.session import Session
 from picture_tools import assert_same, read_picture
 
 distributed = pytest.importorskip("distributed")
@@ -90,14 +94,15 @@ def test_what_comes_twice_counts_once(
     client: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All units go to two workers."""
-    twice, once = [], sampler.Workers._submit
+    twice, once = [], dispatch.Dispatcher.hand
 
-    def submit(self: Any, task: Any) -> None:
-        once(self, task)
-        once(self, task)
-        twice.append(task)
+    def hand(self: Any, task: Any, worker: str) -> None:
+        once(self, task, worker)
+        for other in self._roster.ready - {worker}:
+            once(self, task, other)
+            twice.append(task)
 
-    monkeypatch.setattr(sampler.Workers, "_submit", submit)
+    monkeypatch.setattr(dispatch.Dispatcher, "hand", hand)
     same(ph.render(scene, cluster=client, threads=1, **SIZE), ph.render(scene, **SIZE))
     assert len(twice) > 10
 
@@ -226,14 +231,12 @@ def test_a_cut_cable(scene: Any, cable: Callable[..., Any]) -> None:
         cable(*program, "--nthreads", "1", "--contact-address", there, "--listen-address", there,
               "--no-dashboard", cluster.scheduler_address)  # fmt: skip
         client.wait_for_workers(2, timeout=30)
-        cut: list[int] = []
 
         def act(_: int) -> None:
-            cut.append(len(client.processing()[there]))
             ip("link", "set", "parhelion0", "down")
 
         made = during(client, scene, act, 1, **asked)
-        assert cut[0]  # it was at work
+        assert made.stats.threads == 2  # it was at work
     same(made, ph.render(scene, **asked))
 
 
@@ -294,6 +297,36 @@ def test_the_scene_goes_to_each_worker_once(scene: Any, monkeypatch: pytest.Monk
         made = during(client, scene, lambda _: client.run(let_go), 1, **SIZE)
         same(made, ph.render(scene, **SIZE))
         assert 3 <= len(sent) <= 4  # both get it again, unless one had nothing to do any more
+
+
+def test_workers_that_see_the_file_read_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, sent, asked = tmp_path / "a.xyz", [], []
+    file.write_text("2\n\nC 0 0 0\nO 1 0 0\n")
+    send, ask = roster.Roster._send, roster.Roster._ask
+
+    def told(self: Any, lacking: list[str]) -> None:
+        sent.extend(lacking)
+        send(self, lacking)
+
+    def heard(self: Any, address: str, function: Any, *more: Any) -> Any:
+        asked.append(function.__name__)
+        return ask(self, address, function, *more)
+
+    monkeypatch.setattr(roster.Roster, "_send", told)
+    monkeypatch.setattr(roster.Roster, "_ask", heard)
+    monkeypatch.setattr(roster, "is_here", lambda _: False)
+    monkeypatch.setattr(roster, "_READ", 1)
+    scene = ph.load(file)
+    with places.opened("local:1", 1) as (client, _):
+        same(ph.render(scene, cluster=client, threads=1, **SIZE), ph.render(scene, **SIZE))
+        assert (asked, sent) == (["greet", "read"], [])
+        other = scene.replace(shapes=scene.shapes[:1])  # is not what the file holds
+        same(ph.render(other, cluster=client, threads=1, **SIZE), ph.render(other, **SIZE))
+        assert len(sent) == 1
+        file.unlink()
+        third = scene.replace(shapes=scene.shapes[1:])
+        same(ph.render(third, cluster=client, threads=1, **SIZE), ph.render(third, **SIZE))
+        assert len(sent) == 2
 
 
 @pytest.mark.usefixtures("many_units")
@@ -409,9 +442,9 @@ def test_a_scene_is_the_same_after_its_way() -> None:
         ("local", "must be local:N"),
         ("local:0", "must be local:N, N processes from 1"),
         ("local:x", "must be local:N"),
-        ("host:8786", "must be local:N or a scheduler's address"),
-        ("http://host", "must be local:N or"),
-        (3, "cluster is 3; must be local:N, a scheduler's address such as"),
+        ("host:8786", "must be local:N, slurm:FILE"),
+        ("http://host", "must be local:N, slurm:FILE"),
+        (3, "cluster is 3; must be local:N, .* or a client of dask.distributed"),
     ],
 )
 def test_clusters_that_are_none(scene: Any, cluster: Any, told: str) -> None:
@@ -446,3 +479,137 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     np.testing.assert_array_equal(one, many)
     assert cli.main(["render", "--cluster", "local:none", "-o", files[0]]) == 2
     assert "--cluster is 'local:none'; must be local:N" in capsys.readouterr().err
+
+
+def with_samples(session: Session, spp: int) -> Any:
+    """The session's picture, once each pixel has so many."""
+    end = time.monotonic() + 60
+    while (frame := session.finished()).spp < spp:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    return frame
+
+
+@pytest.mark.usefixtures("many_units")
+def test_the_live_view_by_a_cluster(client: Any, scene: Any) -> None:
+    size = {"width": 90, "height": 50, "spp": 40}
+    told: list[int] = []
+    with Session(scene, cluster=client, threads=1, **size) as session:
+        session.subscribe(lambda _: told.append(session.frame.spp if session.frame else 0))
+        for act in (
+            lambda: None,
+            lambda: session.look(ph.Camera(eye=(9, 3, 4), target=(0, 0.5, 0))),
+            lambda: session.change("materials", 0, "color", [0.1, 0.5, 0.2]).result(20),
+            lambda: session.hide({0}).result(20),
+        ):
+            act()
+            frame = with_samples(session, 40)
+            now = session.scene()
+            np.testing.assert_array_equal(frame.pixels, ph.render(now, spp=40).numpy())
+        session.limit(60)
+        with_samples(session, 60)
+    assert max(told) == 60
+
+
+@pytest.fixture
+def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder that tells what was handed to SLURM, whose commands begin a job at once."""
+    pytest.importorskip("dask_jobqueue")
+    programs, told = tmp_path / "bin", tmp_path / "told"
+    programs.mkdir()
+    told.mkdir()
+    (programs / "sbatch").write_text(
+        f"#!/bin/sh\nsetsid sh $1 > {told}/out 2>&1 &\ncp $1 {told}/$!.sh\n"
+        "echo Submitted batch job $!\n"
+    )
+    (programs / "scancel").write_text(
+        f"#!/bin/sh\nfor job; do kill -- -$job; touch {told}/$job.ended; done\n"
+    )
+    for program in programs.iterdir():
+        program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
+    yield told
+    for script in told.glob("*.sh"):
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(int(script.stem), signal.SIGKILL)
+
+
+def test_jobs_of_slurm(slurm: Path, tmp_path: Path) -> None:
+    file, one, many = tmp_path / "jobs.yaml", tmp_path / "one.png", tmp_path / "many.png"
+    file.write_text(
+        "jobs: 2\ncores: 1\nmemory: 1GB\ninterface: lo\nwalltime: '00:10:00'\nqueue: short\n"
+    )
+    size = ["--width", "64", "--spp", "4", "-q", "-o"]
+    assert cli.main(["render", *size, str(one)]) == 0
+    assert cli.main(["render", *size, str(many), "--cluster", f"slurm:{file}"]) == 0
+    np.testing.assert_array_equal(read_picture(one)[0], read_picture(many)[0])
+    jobs = list(slurm.glob("*.sh"))
+    assert len(jobs) == 2
+    assert "#SBATCH -p short" in jobs[0].read_text()
+    assert len(list(slurm.glob("*.ended"))) == 2
+
+
+@pytest.mark.usefixtures("slurm")
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (None, "cannot be read as YAML"),
+        ("{", "cannot be read as YAML"),
+        ("[1]", "must hold names and values"),
+        ("cores: 1\nmemory: 1GB", "jobs is None; must be how many to ask for"),
+        ("jobs: 0", "jobs is 0"),
+        ("jobs: 2\ncores: 1", "lacks memory of a job"),
+        ("jobs: 2\ncores: 1\nmemory: 1GB\nqueues: a", "queues"),
+        ("jobs: 2\ncores: 1\nmemory: much", "much"),
+    ],
+)
+def test_wrong_files_for_slurm(
+    text: str | None, told: str, tmp_path: Path, scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "jobs.yaml"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(ph.FormatError, match=rf"jobs\.yaml: .*{told}"):
+        ph.render(scene, cluster=f"slurm:{file}", **SIZE)
+    monkeypatch.setenv("PATH", "/nowhere")
+    file.write_text("jobs: 2\ncores: 1\nmemory: 1GB")
+    with pytest.raises(ph.ResourceError, match="there is no sbatch here"):
+        ph.render(scene, cluster=f"slurm:{file}", **SIZE)
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl here")
+def test_tls(tmp_path: Path) -> None:
+    """As docs/cluster.md sets it: one certificate for all, by Dask's own settings."""
+    key, certificate = str(tmp_path / "key.pem"), str(tmp_path / "cert.pem")
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=a",
+         "-keyout", key, "-out", certificate], check=True, capture_output=True,
+    )  # fmt: skip
+    both = (("CERT", certificate), ("KEY", key))
+    tls = {"DASK_DISTRIBUTED__COMM__TLS__CA_FILE": certificate}
+    for who in ("CLIENT", "SCHEDULER", "WORKER"):
+        tls |= {f"DASK_DISTRIBUTED__COMM__TLS__{who}__{k}": v for k, v in both}
+    file, one, many = tmp_path / "scheduler.json", tmp_path / "one.png", tmp_path / "many.png"
+    size = ["--width", "64", "--spp", "4", "-q", "-o"]
+    found = ["--scheduler-file", str(file), "--no-dashboard"]
+    with contextlib.ExitStack() as stack:
+        for name, *more in (
+            ("dask_scheduler", "--protocol", "tls", "--port", "0", "--host", "127.0.0.1"),
+            ("dask_worker", "--nthreads", "1"),
+        ):
+            words = [sys.executable, "-m", f"distributed.cli.{name}", *found, *more]
+            process = subprocess.Popen(words, env={**os.environ, **tls}, stderr=subprocess.DEVNULL)
+            stack.enter_context(process)
+            stack.callback(process.terminate)
+            end = time.monotonic() + 30
+            while not file.exists():
+                assert time.monotonic() < end
+                time.sleep(0.05)
+        address = json.loads(file.read_text())["address"]
+        assert address.startswith("tls://")
+        words = [sys.executable, "-m", "parhelion", "render", *size, str(many), "--cluster"]
+        subprocess.run([*words, address], env={**os.environ, **tls}, check=True)
+        without = subprocess.run([*words, address], capture_output=True, text=True, check=False)
+        assert (without.returncode, "no certificates for TLS" in without.stderr) == (2, True)
+    assert cli.main(["render", *size, str(one)]) == 0
+    np.testing.assert_array_equal(read_picture(one)[0], read_picture(many)[0])

@@ -15,7 +15,7 @@ import numpy as np
 from . import arguments
 from .denoise import without_guides
 from .display import told_display
-from .errors import FormatError, SceneError
+from .errors import FormatError, ParhelionError, SceneError
 from .image import COMPRESSIONS, COUNTS, HIDDEN, Image, unpacked_counts
 from .layers import PictureFile
 from .progress import Progress
@@ -56,35 +56,45 @@ class Record:
 
     def scene(self) -> Scene:
         """The scene, from where it came from. Raises FormatError where that is not told."""
-        from .builtin import weekend
-        from .io import LoadOptions, load
-        from .io.frames import load_frames
-        from .studio import turned_light
-
         if self.source is None:
             raise FormatError(
                 f"{self.path}: does not say where its scene is, which was made in Python; give the"
                 " scene"
             )
-        source = self.source
         try:
-            options = tuples(source.options)
-            if source.path is None:
-                return weekend(**options)
-            read_as = LoadOptions(**options)
-            which, place = source.frames or ("", 0)
-            turn, pivot = (np.array(v, np.float64) for v in source.turned or (np.eye(3), [0] * 3))
-            if turn.shape != (3, 3) or pivot.shape != (3,) or not isinstance(place, int):
-                raise TypeError
+            return scene_at(self.source)
+        except ParhelionError:
+            raise
         except (TypeError, ValueError) as error:
             raise FormatError(f"{self.path}: tells of options that there are not") from error
-        if not which:
-            return turned_light(load(source.path, read_as), turn, pivot)
-        frames = load_frames(source.path, which, read_as)
-        if not 0 <= place < len(frames):
-            raise FormatError(f"{self.path}: there is no picture {place} in frames {which}")
-        (scene,) = frames.scenes([place])
-        return turned_light(scene, turn, pivot)
+
+
+def scene_at(source: Source) -> Scene:
+    """The scene from where it came from; options may be lists, as JSON has them.
+
+    Raises FormatError as load() does, for a picture of a sequence that is not there, too, and
+    TypeError or ValueError for options that there are not.
+    """
+    from .builtin import weekend
+    from .io import LoadOptions, load
+    from .io.frames import load_frames
+    from .studio import turned_light
+
+    options = tuples(source.options)
+    if source.path is None:
+        return weekend(**options)
+    read_as = LoadOptions(**options)
+    which, place = source.frames or ("", 0)
+    turn, pivot = (np.array(v, np.float64) for v in source.turned or (np.eye(3), [0] * 3))
+    if turn.shape != (3, 3) or pivot.shape != (3,) or not isinstance(place, int):
+        raise TypeError("turned is a rotation and a pivot, a frame's place a whole number")
+    if not which:
+        return turned_light(load(source.path, read_as), turn, pivot)
+    frames = load_frames(source.path, which, read_as)
+    if not 0 <= place < len(frames):
+        raise FormatError(f"{source.path}: there is no picture {place} in frames {which}")
+    (scene,) = frames.scenes([place])
+    return turned_light(scene, turn, pivot)
 
 
 def record(path: str | os.PathLike[str]) -> Record:

@@ -217,6 +217,7 @@ def render(
                 sampler = stack.enter_context(
                     sampler_of(
                         *(cluster, threads, prepared.flat, view_camera, wanted, film),
+                        source=prepared.scene.source,
                         tree=tree == "bvh",
                         features=features,
                         errors=errors,

@@ -426,8 +426,8 @@ class Scene:
         """Shows the scene in a notebook's cell, rendered while it is looked at.
 
         height: of the cell, in pixels of the page. settings: as Session takes them, such as camera,
-        spp, max_depth and memory_limit. Raises SceneError, and ResourceError for too little memory
-        and without the package anywidget.
+        spp, max_depth, cluster and memory_limit. Raises SceneError, and ResourceError for too
+        little memory and without the package anywidget.
         """
         from .view.notebook import view
 

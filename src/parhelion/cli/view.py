@@ -60,6 +60,12 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     )
     p.add_argument("-t", "--threads", type=int, default=0, metavar="N", help="default: all cores")
     p.add_argument(
+        "--cluster",
+        metavar="WHERE",
+        help="who takes all samples but the first: local:N, the address of a scheduler of"
+        " dask.distributed, or slurm:FILE; --threads are those of each worker then",
+    )
+    p.add_argument(
         "--memory-limit",
         metavar="SIZE",
         help="bytes, or 4G, 500M: what would take more is an error; default: what there is",
@@ -84,7 +90,7 @@ def _serve(args: argparse.Namespace) -> int:
     spp = DEFAULT_SPP if args.spp is None else args.spp
     with options.naming(args):
         scene, files = recorded(lambda: options.load_scene(args))
-        session = Session(scene, spp=spp, threads=args.threads, **settings)
+        session = Session(scene, spp=spp, threads=args.threads, cluster=args.cluster, **settings)
 
     def load() -> Scene:
         with options.naming(args):

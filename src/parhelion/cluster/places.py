@@ -1,19 +1,23 @@
-"""Clusters by name: that of a scheduler's address, or processes of this machine."""
+"""Clusters by name: of a scheduler's address, processes of this machine, jobs of a batch system."""
 
 from __future__ import annotations
 
+import itertools
 import logging
+import shutil
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from ipaddress import ip_address
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from .. import machine
-from ..errors import ResourceError, SceneError, option
+from ..errors import FormatError, ResourceError, SceneError, option
 
 log = logging.getLogger("parhelion")
 
+_NAMES = "local:N, slurm:FILE, or a scheduler's address such as tcp://HOST:8786"
 _MOST = 4096
 # Seconds that a scheduler has to answer
 _ANSWER = 10
@@ -24,9 +28,10 @@ def opened(cluster: Any, threads: int) -> Iterator[tuple[Any, int]]:
     """A client of dask.distributed, and how many threads each of its workers is to use, 0 for all
     of its cores. What was started for the block ends with it.
 
-    cluster: a client; "local:4", four processes of this machine; a scheduler's address. threads:
-    of a worker, 0 for what is there. Raises SceneError for a name without meaning and ResourceError
-    without the extra `cluster` or where nothing answers.
+    cluster: a client; "local:4", four processes of this machine; a scheduler's address;
+    "slurm:FILE", jobs as a file says. threads: of a worker, 0 for what is there. Raises SceneError
+    for a name without meaning, FormatError for such a file, and ResourceError without the extra
+    `cluster` or where nothing answers.
     """
     try:
         import distributed
@@ -39,8 +44,7 @@ def opened(cluster: Any, threads: int) -> Iterator[tuple[Any, int]]:
         return
     if not isinstance(cluster, str):
         raise SceneError(
-            f"{option('cluster')} is {cluster!r}; must be local:N, a scheduler's address such as"
-            " tcp://HOST:8786, or a client of dask.distributed"
+            f"{option('cluster')} is {cluster!r}; must be {_NAMES}, or a client of dask.distributed"
         )
     kind, _, rest = cluster.partition(":")
     with ExitStack() as stack:
@@ -50,6 +54,11 @@ def opened(cluster: Any, threads: int) -> Iterator[tuple[Any, int]]:
             processes = stack.enter_context(_processes(distributed, cluster, count))
             client = stack.enter_context(distributed.Client(processes, direct_to_workers=True))
             yield client, threads or max(1, machine.cores_available() // count)
+        elif kind == "slurm":
+            jobs = stack.enter_context(_jobs(Path(rest)))
+            client = stack.enter_context(distributed.Client(jobs))
+            _wait_for_one(client, jobs)
+            yield client, threads
         else:
             yield stack.enter_context(_connected(distributed, cluster)), threads
 
@@ -96,15 +105,54 @@ def _processes(distributed: Any, cluster: str, count: int) -> Any:
         ) from error
 
 
+def _jobs(file: Path) -> Any:
+    """Workers that are jobs of SLURM: a file's arguments of dask_jobqueue.SLURMCluster."""
+    try:
+        import yaml
+        from dask_jobqueue import SLURMCluster
+    except ImportError:
+        raise ResourceError(
+            "slurm:FILE needs dask-jobqueue: pip install 'parhelion[cluster]'"
+        ) from None
+    try:
+        told = yaml.safe_load(file.read_text("utf-8"))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise FormatError(f"{file}: cannot be read as YAML: {error}") from error
+    if not isinstance(told, dict):
+        raise FormatError(f"{file}: must hold names and values, such as jobs: 4")
+    jobs = told.pop("jobs", None)
+    if not isinstance(jobs, int) or not 1 <= jobs <= _MOST:
+        raise FormatError(f"{file}: jobs is {jobs!r}; must be how many to ask for, 1 to {_MOST}")
+    missing = [name for name in ("cores", "memory") if name not in told]
+    if missing:
+        raise FormatError(f"{file}: lacks {' and '.join(missing)} of a job")
+    if shutil.which("sbatch") is None:
+        raise ResourceError(f"{file}: there is no sbatch here to hand jobs to SLURM")
+    try:
+        cluster = SLURMCluster(**{"processes": 1, "name": "parhelion", **told})
+    except (TypeError, ValueError, OSError, RuntimeError) as error:
+        raise FormatError(f"{file}: {error}") from error
+    cluster.scale(jobs=jobs)
+    return cluster
+
+
+def _wait_for_one(client: Any, jobs: Any) -> None:
+    """Until the first job runs, for as long as that takes."""
+    for seconds in itertools.chain([_ANSWER], itertools.repeat(3600)):
+        with suppress(TimeoutError):
+            client.wait_for_workers(1, timeout=seconds)
+            return
+        if not jobs.workers:
+            raise ResourceError("SLURM took no job")
+        log.warning("waiting for SLURM to begin the first of %d jobs", len(jobs.workers))
+
+
 def _connected(distributed: Any, cluster: str) -> Any:
     """A client of the scheduler at an address."""
     kind, _, rest = cluster.partition(":")
     if kind not in ("tcp", "tls", "ucx", "ws", "wss") or not rest.startswith("//"):
-        raise SceneError(
-            f"{option('cluster')} is {cluster!r}; must be local:N or a scheduler's address, such as"
-            " tcp://HOST:8786"
-        )
-    if kind == "tcp" and not _is_here(cluster):
+        raise SceneError(f"{option('cluster')} is {cluster!r}; must be {_NAMES}")
+    if kind == "tcp" and not is_here(cluster):
         log.warning(
             "%s: what is sent can be read and changed on the way; a scheduler with TLS has an"
             " address tls://HOST:PORT (docs/cluster.md)",
@@ -116,9 +164,16 @@ def _connected(distributed: Any, cluster: str) -> Any:
         raise ResourceError(f"{cluster}: no scheduler answers: {error}") from error
     except ValueError as error:
         raise SceneError(f"{option('cluster')} is {cluster!r}: {error}") from error
+    except TypeError as error:  # as Dask says it
+        if kind != "tls":
+            raise
+        raise SceneError(
+            f"{option('cluster')} is {cluster!r}, and Dask has no certificates for TLS"
+            " (docs/cluster.md)"
+        ) from error
 
 
-def _is_here(address: str) -> bool:
+def is_here(address: str) -> bool:
     """Whether an address is one of this machine alone."""
     host = urlsplit(address).hostname or ""
     try:

@@ -2,7 +2,8 @@
 
 A worker that has a scene keeps it, so units of work need none of Dask's own data, which is lost
 with the worker that holds it. While some lack the scene, its arrays lie on one of them, for the
-others to fetch; when all have it, they are let go of.
+others to fetch; when all have it, they are let go of. A worker on another machine first looks
+whether the scene's file is there too.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import ResourceError, SceneError
+from .places import is_here
 from .scenes import packed
-from .worker import Picture, WrongBuild, greet, keep
+from .worker import Picture, WrongBuild, greet, keep, read
 
 log = logging.getLogger("parhelion")
 
@@ -24,6 +26,8 @@ log = logging.getLogger("parhelion")
 LOOK = 1.0
 # Seconds that the first worker, and its first answer, may take
 _ALONE = 10.0
+# Bytes of a scene from which on workers on other machines try to read its file themselves
+_READ = 1 << 24
 # Seconds between two looks at whether it has come
 _PAUSE = 0.005
 # Workers that may end with the scene, one after the other, before it is taken to be the cause
@@ -33,11 +37,13 @@ _DEATHS = 5
 @dataclass(eq=False)
 class _Worker:
     """state: "unknown", "lacking" while it has no scene, "ready" or "refused". asked: the answer to
-    come: to the greeting of one that is unknown, to the scene of one that lacks it.
+    come: to the greeting of one that is unknown, to the scene of one that lacks it. reads: whether
+    that is by reading the scene's file, which is tried once.
     """
 
     state: str = "unknown"
     asked: Any = None
+    reads: bool = False
 
 
 class Roster:
@@ -55,6 +61,9 @@ class Roster:
         self._numbers = itertools.count()
         self._looked = -LOOK
         self._begun = False
+        # of a small scene the arrays are there sooner
+        size = sum(a.nbytes for bundle in packed(parts)[1] for _, a in bundle)
+        self._may_read = picture.source is not None and size >= _READ
         self._died = 0  # with the scene, one after the other
         self.there: frozenset[str] = frozenset()
         self.ready: frozenset[str] = frozenset()
@@ -76,7 +85,10 @@ class Roster:
             if worker.asked is None and worker.state == "unknown":
                 worker.asked = self._ask(address, greet, self._picture)
             elif worker.asked is None and worker.state == "lacking":
-                lacking.append(address)
+                if self._may_read and not worker.reads and not is_here(address):
+                    worker.asked, worker.reads = self._ask(address, read, self._picture), True
+                else:
+                    lacking.append(address)
         if lacking:
             self._send(lacking)
         elif not any(worker.state == "lacking" for worker in self._workers.values()):
@@ -142,7 +154,7 @@ class Roster:
         """Takes an answer."""
         future, worker.asked = worker.asked, None
         if future.status == "finished":
-            knows = worker.state == "lacking" or future.result()
+            knows = future.result() is not False
             worker.state = "ready" if knows else "lacking"
             self._died = 0
         elif future.status == "error":

@@ -12,7 +12,6 @@ import heapq
 import itertools
 import os
 import time
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -21,20 +20,19 @@ import numpy as np
 
 from ..errors import ParhelionError, ResourceError
 from ..progress import Crew
-from .roster import LOOK, Roster
-from .worker import Failed, Lacking, Picture, Seen, Unit, film_of, render_unit
+from .dispatch import Dispatcher, Task
+from .roster import Roster
+from .worker import Failed, Picture, Seen, Unit, film_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..flatten import Flat
     from ..progressive import Tick
-    from ..scene import Camera, Settings
+    from ..scene import Camera, Settings, Source
 
 # Seconds that a unit takes while there is much left to do
 UNIT_SECONDS = 0.5
-# Units that a worker has at a time: one to do while the next one travels
-EACH = 2
 # The last units are shorter, so that workers end at about the same time: each has at least so many
 # units to come, until they would take less than this. Seconds.
 _LAST, _SHORTEST = 4, 0.02
@@ -45,12 +43,8 @@ _BUSY = 0.5
 _FIRST = 1 << 15
 # Edge of a tile in pixels, at most, and tiles that there should be for each worker, at least
 EDGE, TILES = 64, 8
-# How often a unit is tried, by other workers if there are any, before the rest goes on without it;
-# and how many units in a row a worker may fail at before others are preferred
-_TRIES = 3
-# A unit that takes so many times as long as the slowest that came back is given to another worker
-# as well, and the first answer counts; before any came back, one that takes so many seconds.
-_LATE, _LATE_FIRST = 3.0, 10.0
+# How often a unit is tried, by other workers if there are any, before the rest goes on without it
+_TRIES = 5
 # Seconds between two looks at what came, when nothing did
 _PAUSE = 0.01
 
@@ -71,19 +65,6 @@ class _Tile:
         return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
 
 
-@dataclass(eq=False)
-class _Task:
-    """A unit that was handed out. samples: that it takes. futures: by those who do it, the first
-    answer counts.
-    """
-
-    tile: _Tile
-    unit: Unit
-    samples: int
-    since: float
-    futures: list[Any]
-
-
 class Workers:
     """The workers of a cluster, as a progressive.Sampler for one film.
 
@@ -100,27 +81,24 @@ class Workers:
         settings: Settings,
         film: Any,
         *,
+        source: Source | None = None,
         tree: bool,
         features: bool,
         errors: bool,
         threads: int,
         isa: str,
     ) -> None:
-        from distributed import as_completed
-
         from .. import __version__, _core
 
         self._client, self._errors, self._film = client, errors, film
         self.failures: Sequence[str] = ()
-        self._units = self._again = 0
         self._took_part: dict[str, Seen] = {}
-        self._standing: set[str] = set()  # workers that are late, or fail
-        self._failing: Counter[str] = Counter()  # units in a row at which a worker has failed
         self._picture = Picture(
             name=f"parhelion-{os.urandom(8).hex()}",
             version=__version__,
             build=_core.sources,
             scene=flat.sha256(),
+            source=None if source is None else asdict(source),
             camera=asdict(camera),
             settings=asdict(settings),
             tree=tree,
@@ -129,16 +107,14 @@ class Workers:
             isa=isa,
         )
         self._roster = Roster(client, self._picture, flat.parts)
+        self._dispatcher = Dispatcher(client, self._roster, self._picture.name)
         self._counts = np.zeros((0, 0), np.uint32)
         self._tiles: list[_Tile] = []
-        self._tasks: dict[int, _Task] = {}
-        self._by_key: dict[str, int] = {}
+        self._under_way: dict[Task, _Tile] = {}
         self._numbers = itertools.count()
-        self._coming = as_completed(with_results=True, raise_errors=False)
         self._samples, self._seconds = 0.0, 0.0  # of the last units, whose ratio is the speed
         self._left = 0  # samples that no unit has yet
         self._cost = 0.0  # seconds that a unit keeps this process busy
-        self._slowest = 0.0
 
     def take(
         self, film: Any, targets: NDArray[np.uint32], pixels: int, tick: Tick
@@ -172,21 +148,31 @@ class Workers:
         places = {id(tile): i for i, tile in enumerate(self._tiles)}
         self._left = int(np.maximum(wanted, self._counts).sum(dtype=np.int64) - self._counts.sum())
         stopped = False
-        while (waiting or self._tasks) and not stopped:
+        while (waiting or self._under_way) and not stopped:
             begun = time.perf_counter()
-            self._roster.look()
-            self._help()
-            while waiting and len(self._tasks) < EACH * len(self._roster.ready):
-                tile = self._tiles[heapq.heappop(waiting)[1]]
-                self._hand_out(tile, wanted[tile.at])
-            came = [a for f, seen in self._arrived() if (a := self._answered(f, seen)) is not None]
-            for task, seen in came:
-                tile = task.tile
-                if seen is not None:
-                    self._add(task, seen)
-                    samples, rays = samples + seen.samples, rays + seen.rays
+            aside = []
+            free = self._dispatcher.free()
+            while waiting and free:
+                place = heapq.heappop(waiting)
+                tile = self._tiles[place[1]]
+                worker = next((w for w in free if w not in tile.failed_with), free[0])
+                if worker in tile.failed_with and self._dispatcher.all_but(tile.failed_with):
+                    aside.append(place)  # till one of the others is free
+                    continue
+                free.remove(worker)
+                self._hand_out(tile, wanted[tile.at], worker)
+            for place in aside:
+                heapq.heappush(waiting, place)
+            came = self._dispatcher.answers()
+            for task, answer in came:
+                tile = self._under_way.pop(task)
+                if isinstance(answer, Seen):
+                    self._add(tile, task.unit, answer)
+                    samples, rays = samples + answer.samples, rays + answer.rays
                 else:
-                    self._left += task.samples
+                    self._left += task.unit.samples
+                    if answer is not None:
+                        self._failed(tile, task.unit, answer)
                 if tile.failed < _TRIES and (self._counts[tile.at] < wanted[tile.at]).any():
                     heapq.heappush(waiting, (int(self._counts[tile.at].min()), places[id(tile)]))
             stopped = tick(samples, rays)
@@ -201,7 +187,8 @@ class Workers:
     @property
     def crew(self) -> Crew:
         """Who is at it, and how far they are."""
-        return Crew(len(self._roster.ready), self._units, self._again)
+        units = self._dispatcher
+        return Crew(len(self._roster.ready), units.done, units.again)
 
     @property
     def threads(self) -> int:
@@ -218,8 +205,8 @@ class Workers:
         self._drop()
         self._roster.close()
 
-    def _hand_out(self, tile: _Tile, wanted: NDArray[np.uint32]) -> None:
-        """Begins the next unit of a tile."""
+    def _hand_out(self, tile: _Tile, wanted: NDArray[np.uint32], worker: str) -> None:
+        """Has a worker begin the next unit of a tile."""
         begun = self._counts[tile.at].copy()
         samples = float(_FIRST)
         if self._seconds:
@@ -230,6 +217,7 @@ class Workers:
         if self._errors:  # means are kept of powers of two, which only the whole film knows
             powers = np.uint32(1) << np.ceil(np.log2(begun + 1.0)).astype(np.uint32)
             to = np.where(begun == 0, to, np.minimum(to, powers))
+        to = np.maximum(to, begun)
         unit = Unit(
             number=next(self._numbers),
             picture=self._picture.name,
@@ -238,97 +226,18 @@ class Workers:
             width=tile.width,
             height=tile.height,
             begun=_shortened(begun),
-            targets=_shortened(np.maximum(to, begun)),
+            targets=_shortened(to),
+            samples=int((to - begun).sum(dtype=np.int64)),
             errors=self._errors and not begun.all(),
             features=self._features_of(tile) if self._picture.features else b"",
         )
-        handed = int((np.maximum(to, begun) - begun).sum(dtype=np.int64))
-        self._left -= handed
-        task = _Task(tile, unit, handed, time.monotonic(), [])
-        self._tasks[unit.number] = task
-        self._submit(task)
+        self._left -= unit.samples
+        task = Task(unit)
+        self._under_way[task] = tile
+        self._dispatcher.hand(task, worker)
 
-    def _submit(self, task: _Task) -> None:
-        ready = self._roster.ready
-        good = (
-            ready - self._standing - task.tile.failed_with or ready - task.tile.failed_with or ready
-        )
-        key = f"{self._picture.name}-{task.unit.number}-{len(task.futures)}"
-        future = self._client.submit(
-            render_unit,
-            task.unit,
-            key=key,
-            pure=False,
-            workers=None if good == self._roster.there else list(good),
-        )
-        self._again += bool(task.futures)
-        task.futures.append(future)
-        self._by_key[key] = task.unit.number
-        self._coming.add(future)
-
-    def _help(self) -> None:
-        """Gives what is late to other workers as well, and those who have it nothing more before
-        they answer.
-        """
-        now = time.monotonic()
-        late = now - (max(_LATE * self._slowest, LOOK) if self._slowest else _LATE_FIRST)
-        tasks = [task for task in self._tasks.values() if task.since < late]
-        if not tasks or not self._roster.ready:
-            return
-        keys = {future.key for task in tasks for future in task.futures}
-        for worker, theirs in self._client.processing().items():
-            if not keys.isdisjoint(theirs):
-                self._standing.add(worker)
-        for task in tasks:
-            task.since = now
-            self._submit(task)
-
-    def _arrived(self) -> list[tuple[Any, Any]]:
-        return list(self._coming.next_batch(block=False)) if self._by_key else []
-
-    def _answered(self, future: Any, result: Any) -> tuple[_Task, Seen | None] | None:
-        """The task that a future answers, and what was seen; None for one that is answered."""
-        number = self._by_key.pop(future.key, None)
-        task = None if number is None else self._tasks.get(number)
-        if number is None or task is None:
-            return None
-        if future.status == "finished" and isinstance(result, Seen):
-            self._forget(task)
-            self._units += 1
-            return task, result
-        if any(f is not future and not f.done() for f in task.futures):
-            return None  # another worker is still at it
-        self._forget(task)
-        self._again += 1
-        tile = task.tile
-        if isinstance(result, Lacking):
-            self._roster.lacks(result.worker)
-            return task, None
-        tile.failed += 1
-        if isinstance(result, Failed):
-            why = result.why
-            tile.failed_with.add(result.worker)
-            self._failing[result.worker] += 1
-            if self._failing[result.worker] >= _TRIES:
-                self._standing.add(result.worker)
-        elif future.status == "error":  # it has ended several workers
-            why, tile.failed = str(future.exception()), _TRIES
-        else:
-            why = "cancelled"
-        if tile.failed >= _TRIES:
-            self._give_up(task, why)
-        return task, None
-
-    def _forget(self, task: _Task) -> None:
-        del self._tasks[task.unit.number]
-        for future in task.futures:
-            self._by_key.pop(future.key, None)
-            if not future.done():
-                future.cancel()
-
-    def _add(self, task: _Task, seen: Seen) -> None:
+    def _add(self, tile: _Tile, unit: Unit, seen: Seen) -> None:
         """Adds to the film what a unit saw."""
-        unit, tile = task.unit, task.tile
         begun = np.broadcast_to(np.asarray(unit.begun, np.uint32), (tile.height, tile.width))
         self._film.add(
             film_of(unit, self._picture.features, seen.memory), np.ascontiguousarray(begun)
@@ -336,13 +245,25 @@ class Workers:
         self._counts[tile.at] = np.maximum(begun, unit.targets)
         tile.failed = 0
         tile.failed_with.clear()
-        del self._failing[seen.worker]
         self._took_part[seen.worker] = seen
         if seen.samples:
             self._samples = 0.9 * self._samples + seen.samples
             self._seconds = 0.9 * self._seconds + seen.seconds
-            self._slowest = max(0.95 * self._slowest, time.monotonic() - task.since)
-        self._standing.discard(seen.worker)
+
+    def _failed(self, tile: _Tile, unit: Unit, failed: Failed) -> None:
+        """Counts a failure, and after the last tells of it."""
+        tile.failed += 1
+        tile.failed_with.add(failed.worker)
+        if tile.failed < _TRIES:
+            return
+        crop = f"{unit.x},{unit.y},{unit.width},{unit.height}"
+        first, last = int(np.min(unit.begun)), int(np.max(unit.targets))
+        told = (
+            f"samples {first} to {last - 1} of the pixels {crop} (x, y, width, height) failed"
+            f" {_TRIES} times: {failed.why}; `parhelion render SCENE --crop {crop} --spp {last}`"
+            " with the picture's other options tries them here"
+        )
+        self.failures = (*self.failures, told)
 
     def _features_of(self, tile: _Tile) -> bytes:
         """What the film has seen in a tile."""
@@ -351,21 +272,10 @@ class Workers:
         rows = values.reshape(height, width, values.size // (height * width))
         return bytes(np.ascontiguousarray(rows[tile.at]).data)
 
-    def _give_up(self, task: _Task, why: str) -> None:
-        unit = task.unit
-        crop = f"{unit.x},{unit.y},{unit.width},{unit.height}"
-        first, last = int(np.min(unit.begun)), int(np.max(unit.targets))
-        told = (
-            f"samples {first} to {last - 1} of the pixels {crop} (x, y, width, height) failed"
-            f" {_TRIES} times: {why}; `parhelion render SCENE --crop {crop} --spp"
-            f" {last}` with the picture's other options tries them here"
-        )
-        self.failures = (*self.failures, told)
-
     def _drop(self) -> None:
         """Ends what is under way."""
-        for task in list(self._tasks.values()):
-            self._forget(task)
+        self._dispatcher.drop()
+        self._under_way.clear()
 
 
 def unit_seconds(left: float, workers: int, cost: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import OrderedDict
@@ -14,6 +15,8 @@ import numpy as np
 from .. import machine, memory
 from ..errors import ParhelionError, ResourceError
 from .scenes import unpacked
+
+log = logging.getLogger("parhelion")
 
 # Of the memory that is free, the share that scenes of other pictures may hold. They are let go of
 # before a scene that would find no room otherwise, too.
@@ -28,14 +31,15 @@ class WrongBuild(ParhelionError):
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What all units of a picture have in common. name: no other picture has it. scene: its hash.
-    threads: 0 for all cores.
+    """What all units of a picture have in common. name: no other picture has it. scene: its hash;
+    source: where it came from, as a dict, or None. threads: 0 for all cores.
     """
 
     name: str
     version: str
     build: str
     scene: str
+    source: dict[str, Any] | None
     camera: dict[str, Any]
     settings: dict[str, Any]
     tree: bool
@@ -47,8 +51,9 @@ class Picture:
 @dataclass(frozen=True, eq=False)
 class Unit:
     """A rectangle of the whole picture's pixels, and how many samples each has and shall have, (H,
-    W) uint32, or one number for all. picture: its name. errors: whether means for errors are to be
-    kept. features: what the film has seen so far, as bytes.
+    W) uint32, or one number for all. picture: its name. samples: that are to come, of all pixels.
+    errors: whether means for errors are to be kept. features: what the film has seen so far, as
+    bytes.
     """
 
     number: int
@@ -59,6 +64,7 @@ class Unit:
     height: int
     begun: Any
     targets: Any
+    samples: int
     errors: bool
     features: bytes
 
@@ -116,6 +122,26 @@ def greet(picture: Picture) -> bool:
         return picture.scene in _scenes
 
 
+def read(picture: Picture) -> bool:
+    """Reads the scene from where it came from, and builds its tree; false where it is not there,
+    or another one is, as its hash tells.
+    """
+    from ..flatten import flatten
+    from ..provenance import scene_at
+    from ..scene import Source
+
+    assert picture.source is not None
+    try:
+        flat = flatten(scene_at(Source(**picture.source)))
+    except Exception as error:  # whatever the file is here
+        log.info("%s", error)
+        return False
+    if flat.sha256() != picture.scene:
+        return False
+    _keep(picture.scene, flat)
+    return True
+
+
 def keep(scene: str, skeleton: bytes, bundles: Sequence[Any]) -> None:
     """Takes a scene, by its hash, and builds its tree. Raises ResourceError."""
     from ..flatten import Flat
@@ -123,6 +149,10 @@ def keep(scene: str, skeleton: bytes, bundles: Sequence[Any]) -> None:
     flat = Flat(unpacked(skeleton, bundles), [], [], [])
     if flat.sha256() != scene:
         raise ResourceError("the scene did not arrive as it was sent")
+    _keep(scene, flat)
+
+
+def _keep(scene: str, flat: Any) -> None:
     with _busy:
         if scene not in _scenes:
             _scenes[scene] = _built(flat)

@@ -17,7 +17,7 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Future
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -187,6 +187,7 @@ class _Drawing:
     seconds: float = 0.0
     samples: int = 0
     rays: int = 0
+    workers: Any = None  # of a cluster that goes on with it
 
 
 class Session:
@@ -209,6 +210,7 @@ class Session:
         height: int | None = None,
         spp: int = DEFAULT_SPP,
         threads: int = 0,
+        cluster: Any = None,
         memory_limit: int | str | None = None,
         **settings: Any,
     ) -> None:
@@ -221,7 +223,7 @@ class Session:
         self._camera = camera
         self._condition = threading.Condition()
         self._scene_lock = threading.RLock()  # held while the core's scene changes or is picked in
-        self._threads = threads or machine.cores_available()
+        self._threads = (threads if cluster is None else 0) or machine.cores_available()
         self._listeners: list[Callable[[Event], None]] = []
         self._jobs: deque[tuple[Callable[[], None], Future[None]]] = deque()
         self._closing = False
@@ -255,6 +257,12 @@ class Session:
             part = (x / size.width, y / size.height, w / size.width, h / size.height)
             self._request = replace(self._request, crop=part)
         self._view(self._request.camera, size)  # whose errors are the caller's
+        self._opened = ExitStack()
+        self._client, self._each = None, 0
+        if cluster is not None:
+            from ..cluster.places import opened
+
+            self._client, self._each = self._opened.enter_context(opened(cluster, threads))
         self._thread = threading.Thread(target=self._run, name="parhelion-session", daemon=True)
         self._thread.start()
         _running.add(self)
@@ -278,6 +286,7 @@ class Session:
             self._closing = True
             self._condition.notify_all()
         self._thread.join()
+        self._opened.close()
         for _, future in self._jobs:
             future.cancel()
         with self._scene_lock:
@@ -685,6 +694,9 @@ class Session:
         began = time.perf_counter()
         if drawing.film is None:
             self._begin(drawing)
+        if self._client is not None and drawing.scale == 1.0 and drawing.done > 0:
+            self._step_elsewhere(drawing)
+            return
         first, whole = drawing.first, drawing.done > 0
         late = began + (LATE_SECONDS if first else LATE_PASS)
 
@@ -727,6 +739,48 @@ class Session:
             wanted = min(max(0.25 * drawing.seconds, SHORTEST_PASS), LONGEST_PASS)
             size = int(drawing.size * wanted / max(seconds, 1e-6))
             drawing.size = max(1, min(4 * drawing.size, size))
+
+    def _step_elsewhere(self, drawing: _Drawing) -> None:
+        """All that is left of a picture, by the cluster, told as it comes."""
+        from ..cluster.sampler import Workers
+
+        request, before = self._request, replace(drawing)
+        if drawing.workers is None:
+            assert drawing.settings is not None
+            drawing.workers = Workers(
+                *(self._client, self._flat, request.camera, drawing.settings, drawing.film),
+                tree=True,
+                features=request.features,
+                errors=True,
+                threads=self._each,
+                isa="",
+            )
+        began = told = time.perf_counter()
+
+        def tell(samples: int, rays: int) -> None:
+            drawing.samples, drawing.rays = before.samples + samples, before.rays + rays
+            drawing.seconds = before.seconds + time.perf_counter() - began
+            drawing.done = int(drawing.film.arrays()[1].min())
+            self._publish(drawing)
+
+        def tick(samples: int, rays: int) -> bool:
+            nonlocal told
+            if self._closing or self._jobs or self._paused or self._resting:
+                return True
+            if self._request is not request or drawing.done >= self._spp:
+                return True
+            if time.perf_counter() > told + LONGEST_PASS:
+                tell(samples, rays)
+                told = time.perf_counter()
+            return False
+
+        _, _, w, h = drawing.place
+        targets = np.full((h, w), self._spp, np.uint32)
+        samples, rays, complete = drawing.workers.take(drawing.film, targets, w * h, tick)
+        if drawing.workers.failures:
+            raise ResourceError(drawing.workers.failures[0])
+        if complete or self._request is request:
+            tell(samples, rays)
 
     def _first_scale(self, request: _Request) -> float:
         w, h = (request.crop or (0.0, 0.0, 1.0, 1.0))[2:]
