@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -389,3 +390,16 @@ def test_mistakes_end_with_2_and_one_line(tmp_path: Path):
     done = command("bench/compare.py", tmp_path / "x.json", tmp_path / "x.json")
     assert done.returncode == 2
     assert "not a file of python -m bench" in done.stderr
+
+
+def test_a_played_cluster_loses_what_things_cost() -> None:
+    """Without costs and differences all workers are busy to the end; each cost shows."""
+    from bench.cluster import MEASURED, play
+
+    free = replace(
+        MEASURED, spread=0.0, desk=1e-9, desk_byte=0.0, unit=0.0, unit_byte=0.0, head=0.0,
+        pixel=0.0, latency=0.0, pause=1e-6,
+    )  # fmt: skip
+    assert play(4, 10.0, (512, 512), free).efficiency > 0.99
+    for dear in ({"desk": 1.0}, {"unit": 0.5}, {"pixel": 1e4, "bandwidth": 1e7}, {"latency": 1.0}):
+        assert play(4, 10.0, (512, 512), replace(free, **dear)).efficiency < 0.9

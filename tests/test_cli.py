@@ -876,4 +876,6 @@ def test_options_of_files_are_not_for_the_scene_without_one(
         said = capsys.readouterr().err
         assert f"the option {words[0]!r} is not for the built-in scene, but for files" in said
     assert not file.exists()
-    assert cli.main(["render", "--background", "white", "--width", "16", "-o", str(file), "-q"]) == 0
+    assert (
+        cli.main(["render", "--background", "white", "--width", "16", "-o", str(file), "-q"]) == 0
+    )

@@ -374,8 +374,12 @@ def test_units_are_short_in_the_end_and_long_for_many() -> None:
         left -= lengths[-1]
     assert lengths == sorted(lengths, reverse=True)
     assert lengths[-1] == sampler._SHORTEST
+    # no small rests
+    assert [sampler.even_part(100, about) for about in (7.0, 60.0, 99.0, 1e9, 0.1)] == [
+        *(8, 50, 100, 100, 1)
+    ]
     # a thousand workers: this process can hand out as many units as they do
-    assert 1000 / seconds(1e9, 1000, 0.005) * 0.005 <= 0.5
+    assert 1000 / seconds(1e9, 1000, 0.005) * 0.005 <= sampler._BUSY + 1e-9
 
 
 def test_workers_with_another_build_are_refused(scene: Any) -> None:

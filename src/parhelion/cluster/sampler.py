@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 import os
 import time
 from collections.abc import Sequence
@@ -38,11 +39,13 @@ UNIT_SECONDS = 0.5
 _LAST, _SHORTEST = 4, 0.02
 # Of the seconds between two answers, the share that may go into taking one in and handing out the
 # next
-_BUSY = 0.5
+_BUSY = 0.7
 # Samples of a unit before any speed is known
 _FIRST = 1 << 15
-# Edge of a tile in pixels, at most, and tiles that there should be for each worker, at least
-EDGE, TILES = 64, 8
+# Edge of a tile in pixels, at most and at least, and tiles that there should be for each worker
+EDGE, _LEAST_EDGE, TILES = 64, 16, 8
+# Units that are handed out before what came is looked at
+_AT_ONCE = 64
 # How often a unit is tried, by other workers if there are any, before the rest goes on without it
 _TRIES = 5
 # Seconds between two looks at what came, when nothing did
@@ -152,7 +155,9 @@ class Workers:
             begun = time.perf_counter()
             aside = []
             free = self._dispatcher.free()
-            while waiting and free:
+            for _ in range(_AT_ONCE):
+                if not waiting or not free:
+                    break
                 place = heapq.heappop(waiting)
                 tile = self._tiles[place[1]]
                 worker = next((w for w in free if w not in tile.failed_with), free[0])
@@ -212,7 +217,8 @@ class Workers:
         if self._seconds:
             speed, workers = self._samples / self._seconds, max(1, len(self._roster.ready))
             samples = speed * unit_seconds(self._left / speed, workers, self._cost)
-        step = max(1, int(samples / (tile.width * tile.height)))
+        most = int((np.maximum(wanted, begun) - begun).max())
+        step = even_part(most, samples / (tile.width * tile.height))
         to = np.minimum(wanted, begun + np.uint32(step))
         if self._errors:  # means are kept of powers of two, which only the whole film knows
             powers = np.uint32(1) << np.ceil(np.log2(begun + 1.0)).astype(np.uint32)
@@ -286,6 +292,13 @@ def unit_seconds(left: float, workers: int, cost: float) -> float:
     return max(shortest, min(UNIT_SECONDS, left / (_LAST * workers)))
 
 
+def even_part(left: int, about: float) -> int:
+    """Samples of a pixel that its next unit takes, of those that are left: parts of about a size,
+    none of which is a small rest, as each unit costs something.
+    """
+    return math.ceil(left / max(1, round(left / max(about, 1.0))))
+
+
 def _by_pixel(film: Any, targets: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """Targets of pixels, of those of cells; see Film."""
     from .. import _core
@@ -300,10 +313,8 @@ def _by_pixel(film: Any, targets: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 def _tiles(film: Any, workers: int) -> list[_Tile]:
     """The tiles of a film: large ones, if there are enough of them for all workers."""
-    from .. import _core
-
     edge = EDGE
-    while edge > _core.block and (film.width * film.height) / edge**2 < TILES * workers:
+    while edge > _LEAST_EDGE and (film.width * film.height) / edge**2 < TILES * workers:
         edge //= 2
     return [
         _Tile(x, y, min(edge, film.width - x), min(edge, film.height - y))

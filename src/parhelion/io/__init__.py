@@ -298,9 +298,7 @@ def check_options(options: LoadOptions, known: Sequence[str] | None, what: str) 
     for given in fields(LoadOptions):
         if given.name not in known and getattr(options, given.name) != _default(given):
             choices = f" (choices: {', '.join(map(option, known))})" if known else ""
-            raise SceneError(
-                f"the option {option(given.name)!r} is not for {what}{choices}"
-            )
+            raise SceneError(f"the option {option(given.name)!r} is not for {what}{choices}")
 
 
 def read(module: Any, file: Path, options: LoadOptions) -> Scene:
