@@ -18,8 +18,8 @@ import numpy as np
 from . import arguments, checkpoint, memory, shards
 from .errors import FormatError, ResourceError, SceneError, option
 from .image import Image, RenderStats
+from .io.sources import tuples
 from .progressive import Spent, picture_error
-from .provenance import tuples
 from .renderer import (
     ERROR_BYTES,
     FEATURE_BYTES,

@@ -18,7 +18,7 @@ from typing import Any
 from ..errors import ResourceError, SceneError
 from .places import is_here
 from .scenes import packed
-from .worker import Picture, WrongBuild, greet, keep, read
+from .worker import Absent, Picture, WrongBuild, greet, keep, read
 
 log = logging.getLogger("parhelion")
 
@@ -60,6 +60,7 @@ class Roster:
         self._sent: list[Any] = []
         self._numbers = itertools.count()
         self._looked = -LOOK
+        self._send_from = 0.0  # when the scene may be sent again
         self._begun = False
         # of a small scene the arrays are there sooner
         size = sum(a.nbytes for bundle in packed(parts)[1] for _, a in bundle)
@@ -89,7 +90,7 @@ class Roster:
                     worker.asked, worker.reads = self._ask(address, read, self._picture), True
                 else:
                     lacking.append(address)
-        if lacking:
+        if lacking and now >= self._send_from:
             self._send(lacking)
         elif not any(worker.state == "lacking" for worker in self._workers.values()):
             self._sent.clear()
@@ -153,12 +154,12 @@ class Roster:
     def _hear(self, address: str, worker: _Worker) -> None:
         """Takes an answer."""
         future, worker.asked = worker.asked, None
-        if future.status == "finished":
-            knows = future.result() is not False
-            worker.state = "ready" if knows else "lacking"
+        error = future.exception() if future.status == "error" else None
+        if future.status == "finished" or isinstance(error, Absent):
+            worker.state = "lacking" if error else "ready"
             self._died = 0
-        elif future.status == "error":
-            worker.state, error = "refused", future.exception()
+        elif error is not None:
+            worker.state = "refused"
             alone = all(w.state == "refused" for w in self._workers.values())
             if alone or (not self._begun and isinstance(error, (WrongBuild, ImportError))):
                 self._refuse(address, error)
@@ -173,7 +174,15 @@ class Roster:
             skeleton, bundles = packed(self._parts)
             name = f"{self._picture.name}-scene-{next(self._numbers)}"
             named = {f"{name}-{i}": part for i, part in enumerate([skeleton, *bundles])}
-            sent = self._client.scatter(named, workers=lacking[:1], hash=False)
+            try:
+                sent = self._client.scatter(named, workers=lacking[:1], hash=False)
+            except Exception as error:  # the worker is gone, which is seen at the next look
+                self._died += 1
+                if self._client.status != "running" or self._died > _DEATHS:
+                    raise
+                log.debug("%s: %s", lacking[0], error)
+                self._send_from = time.monotonic() + LOOK
+                return
             self._sent = list(sent.values())
         for address in lacking:
             self._workers[address].asked = self._ask(

@@ -29,6 +29,12 @@ class WrongBuild(ParhelionError):
     """A worker with another build of Parhelion, whose samples might differ."""
 
 
+class Absent(Exception):
+    """What a worker answers that has no scene. Dask brings errors with the word that a task has
+    ended, and results later, when their worker may be gone.
+    """
+
+
 @dataclass(frozen=True, eq=False)
 class Picture:
     """What all units of a picture have in common. name: no other picture has it. scene: its hash;
@@ -106,8 +112,8 @@ _scenes: OrderedDict[str, Any] = OrderedDict()
 _pictures: OrderedDict[str, tuple[Picture, Any]] = OrderedDict()
 
 
-def greet(picture: Picture) -> bool:
-    """Hears of a picture; whether its scene is there. Raises WrongBuild."""
+def greet(picture: Picture) -> None:
+    """Hears of a picture. Raises WrongBuild, and Absent where its scene is not there."""
     from .. import __version__, _core
 
     if picture.build != _core.sources:
@@ -119,15 +125,16 @@ def greet(picture: Picture) -> bool:
         _pictures[picture.name] = picture, None
         while len(_pictures) > _PICTURES:
             _pictures.popitem(last=False)
-        return picture.scene in _scenes
+        if picture.scene not in _scenes:
+            raise Absent
 
 
-def read(picture: Picture) -> bool:
-    """Reads the scene from where it came from, and builds its tree; false where it is not there,
-    or another one is, as its hash tells.
+def read(picture: Picture) -> None:
+    """Reads the scene from where it came from, and builds its tree. Raises Absent where it is not
+    there, or another one is, as its hash tells.
     """
     from ..flatten import flatten
-    from ..provenance import scene_at
+    from ..io.sources import scene_at
     from ..scene import Source
 
     assert picture.source is not None
@@ -135,11 +142,10 @@ def read(picture: Picture) -> bool:
         flat = flatten(scene_at(Source(**picture.source)))
     except Exception as error:  # whatever the file is here
         log.info("%s", error)
-        return False
+        raise Absent from None
     if flat.sha256() != picture.scene:
-        return False
+        raise Absent
     _keep(picture.scene, flat)
-    return True
 
 
 def keep(scene: str, skeleton: bytes, bundles: Sequence[Any]) -> None:
