@@ -422,6 +422,17 @@ def test_a_chunk_that_no_memory_can_hold(tmp_path: Path) -> None:
     refused(lying, tmp_path, "particles/|cannot be read")
 
 
+def test_tables_of_gsd_that_lie_outside_of_the_file(tmp_path: Path) -> None:
+    """The library reads beyond its end where their sizes are beyond 64 bits."""
+    data = seed("gsd").files["a.gsd"]
+    for at, what in ((8, "index"), (16, "index"), (24, "names"), (32, "names")):
+        for value in (len(data), 1 << 58, (1 << 63) + 128):
+            lying = data[:at] + struct.pack("<Q", value) + data[at + 8 :]
+            refused(
+                alone("a.gsd", lying), tmp_path, f"its {what} of [0-9]+ rows at byte [0-9]+ lie"
+            )
+
+
 def test_a_picture_whose_error_is_no_text() -> None:
     """OpenImageIO may quote a broken file as it stands."""
 

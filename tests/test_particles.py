@@ -659,6 +659,7 @@ BROKEN = [
     ("a.xyz", "1\nProperties=species:S:1:pos:R\nC 1 2 3\n", "not a list of name:kind:columns"),
     ("a.xyz", "1\nProperties=species:S:1\nC 1 2 3\n", "has no pos:R:3"),
     ("a.xyz", "1\nProperties=pos:S:3\n1 2 3\n", "has no pos:R:3"),
+    ("a.xyz", "1\nProperties=pos:R:3:Pos:R:1\n1 2 3 4\n", "has pos twice"),
     ("a.xyz", "1\nProperties=pos:Q:3\n1 2 3\n", "of kind 'Q', not R, I, S or L"),
     ("a.xyz", "1\nProperties=pos:R:3:q:R:0\n1 2 3\n", "q cannot have '0' columns"),
     ("a.xyz", "1\nProperties=pos:R:3:q:R:9999999\n1 2 3\n", "cannot have"),

@@ -748,6 +748,18 @@ def test_broken_files(tmp_path: Path) -> None:
     cut.write_bytes(lying)
     with pytest.raises(ph.FormatError, match=r"SPECS: its [0-9]+ specs cannot be unpacked"):
         load(cut)
+    # ways that meet take the library time and memory without end
+    paths, size = (int.from_bytes(data[tables[b"PATHS"] + k :][:8], "little") for k in (0, 8))
+    said = set()
+    for back in range(1, 12):
+        lying = bytearray(data)
+        lying[paths + size - back] ^= 0x03
+        cut.write_bytes(lying)
+        try:
+            load(cut)
+        except ph.FormatError as error:
+            said.add(re.sub("[0-9]+", "N", str(error).partition("PATHS: ")[2]))
+    assert "its N rows are no tree of N paths" in said
     for name in ("b.usdz", "b.usd"):
         (tmp_path / name).write_bytes(b"PK\x03\x04 no archive")
         with pytest.raises(ph.FormatError, match="cannot be read as USD"):

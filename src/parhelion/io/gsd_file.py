@@ -11,6 +11,7 @@ Shapes of types are as in https://gsd.readthedocs.io/en/stable/shapes.html.
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
@@ -45,6 +46,11 @@ _FIELDS = {
     "particles/orientation": "orientation",
 }
 
+# The file's head: a magic number; where the index and the list of names are, and how many rows they
+# have, of so many bytes each (gsd.h, struct gsd_header)
+_TABLES, _MAGIC = struct.Struct("<5Q"), 0x65DF65DF65DF65DF
+_ROWS = 32, 64
+
 _SHAPES = ("Sphere", "Ellipsoid", "ConvexPolyhedron", "Polygon", "Mesh", "SphereUnion")
 
 
@@ -75,6 +81,7 @@ def _opened(path: Path) -> Iterator[Trajectory]:
         raise FormatError(f"{path}: GSD files need the gsd package: pip install gsd") from None
     with ExitStack() as stack:
         with _errors(path):
+            _check_head(path)
             file = stack.enter_context(fl.open(str(path), "r"))
             if file.schema != "hoomd":
                 raise SceneError(f"has the schema {file.schema[:40]!r}, not 'hoomd'")
@@ -86,6 +93,25 @@ def _opened(path: Path) -> Iterator[Trajectory]:
                 return _particles(file, frame)
 
         yield Trajectory(file.nframes, at)
+
+
+def _check_head(path: Path) -> None:
+    """Raises SceneError for tables that lie outside of the file. The library multiplies their
+    numbers of rows in 64 bits, and reads what is not there where that is too much.
+    """
+    with path.open("rb") as file:
+        head = file.read(_TABLES.size)
+    if len(head) < _TABLES.size:
+        return  # which it says by itself
+    magic, *places = _TABLES.unpack(head)
+    if magic != _MAGIC:
+        return
+    size = path.stat().st_size
+    for name, at, rows, row in zip(
+        ("index", "names"), places[::2], places[1::2], _ROWS, strict=True
+    ):
+        if at + rows * row > size:
+            raise SceneError(f"its {name} of {rows} rows at byte {at} lie outside of the file")
 
 
 @contextmanager

@@ -119,12 +119,14 @@ def _properties(file: TextFile, text: str) -> list[tuple[str, str, int]]:
     shown = f"Properties={text[:60]}"
     if len(parts) % 3:
         raise file.error(f"{shown} is not a list of name:kind:columns")
-    columns = []
+    columns: list[tuple[str, str, int]] = []
     for name, kind, size in zip(parts[0::3], parts[1::3], parts[2::3], strict=True):
         if kind not in ("R", "I", "S", "L"):
             raise file.error(f"{shown}: {name} is of kind {kind!r}, not R, I, S or L")
         if not re.fullmatch(r"[1-9]\d{0,3}", size) or int(size) > _MOST_COLUMNS:
             raise file.error(f"{shown}: {name} cannot have {size!r} columns")
+        if name.lower() == "pos" and any(other.lower() == "pos" for other, _, _ in columns):
+            raise file.error(f"{shown} has pos twice")
         columns.append((name, kind, int(size)))
     if not any(name.lower() == "pos" and kind in "RI" and n == 3 for name, kind, n in columns):
         raise file.error(f"{shown} has no pos:R:3")

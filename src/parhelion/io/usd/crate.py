@@ -1,10 +1,10 @@
 """What the head of a .usdc file says, before the library believes it.
 
 It makes room for as many tokens, paths and elements of a value as a file claims to have, be it
-terabytes, and looks up the kinds of specs in a table without end. The layout is that of OpenUSD's
-pxr/usd/sdf/crateFile.h: a bootstrap with the version and the place of the table of contents, which
-names sections; each begins with the number of its elements. Values lie anywhere, and begin with a
-number too if they are lists.
+terabytes, follows paths wherever they lead, and looks up the kinds of specs in a table without end.
+The layout is that of OpenUSD's pxr/usd/sdf/crateFile.h: a bootstrap with the version and the place
+of the table of contents, which names sections; each begins with the number of its elements. Values
+lie anywhere, and begin with a number too if they are lists.
 """
 
 from __future__ import annotations
@@ -96,8 +96,10 @@ def _check(data: Bytes, where: str) -> None:
         if start < 0 or not 0 <= size <= len(data) - start:
             raise FormatError(f"{where}: {name[:16]!r}: lies outside of the file")
         _section(name, data[start : start + 24].tobytes(), size, where)
-        if name in ("FIELDS", "SPECS"):
+        if name in ("FIELDS", "PATHS", "SPECS"):
             sections[name] = data[start : start + size].tobytes()
+    if "PATHS" in sections and version >= _PACKED_VERSION:
+        _check_paths(sections["PATHS"], where)
     if "SPECS" in sections:
         _check_kinds(sections["SPECS"], version, where)
     if "FIELDS" in sections:
@@ -206,6 +208,36 @@ def _samples(data: Bytes, at: int, refuse: Any) -> NDArray[np.uint64]:
         words.append(np.frombuffer(data[at : at + 8 * count].tobytes(), "<u8"))
         at += 8
     return np.concatenate(words) if words else np.zeros(0, np.uint64)
+
+
+def _check_paths(section: bytes, where: str) -> None:
+    """Raises FormatError for paths that are no tree: the library follows each way to one anew, and
+    ways that meet double until memory ends.
+
+    Row by row, in the order of a walk: which path it is, the last name in it, and a jump. -2: it
+    has neither child nor sibling; -1: the next row is its child; 0: its sibling; else its child,
+    and the row so many further is its sibling.
+    """
+    room, rows = struct.unpack_from("<QQ", section)
+    if rows > len(section) * _NUMBERS:
+        raise FormatError(f"{where}: PATHS: {len(section)} bytes cannot hold {rows} rows")
+    columns = []
+    try:
+        at = 16
+        for _ in range(3):
+            (size,) = struct.unpack_from("<Q", section, at)
+            columns.append(_integers(section[at + 8 : at + 8 + size], rows).astype(np.int64))
+            at += 8 + size
+    except (struct.error, ValueError, IndexError):
+        raise FormatError(f"{where}: PATHS: its {rows} rows cannot be unpacked") from None
+    which, _, jumps = columns
+    if not rows:
+        return
+    own = np.arange(rows)
+    reached = np.concatenate([own[jumps != -2] + 1, (own + jumps)[jumps > 0]])
+    once = reached.max(initial=0) < rows and np.bincount(reached, minlength=1).max(initial=0) <= 1
+    if not once or jumps.min() < -2 or which.min() < 0 or which.max() >= room:
+        raise FormatError(f"{where}: PATHS: its {rows} rows are no tree of {room} paths")
 
 
 def _check_kinds(section: bytes, version: Version, where: str) -> None:
