@@ -456,16 +456,33 @@ def test_clusters_that_are_none(scene: Any, cluster: Any, told: str) -> None:
         ph.render(scene, cluster=cluster, **SIZE)
 
 
-def test_nobody_answers(
-    scene: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize(
+    ("address", "warned"),
+    [
+        ("tcp://192.0.2.1:8786", True),
+        ("ws://host:80", True),
+        ("tls://192.0.2.1:8786", False),
+        ("tcp://127.0.0.1:8786", False),
+        ("tcp://[::1]:8786", False),
+    ],
+)
+def test_who_may_listen_is_told(
+    address: str, warned: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
+    class Client:
+        def scheduler_info(self, **_: Any) -> dict[str, str]:
+            return {"address": address}
+
+    places._warn(Client())
+    assert ("can be read and changed on the way" in caplog.text) == warned
+
+
+def test_nobody_answers(scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(places, "_ANSWER", 0.2)
     with pytest.raises(ph.ResourceError, match=r"tcp://127.0.0.1:1: no scheduler answers"):
         ph.render(scene, cluster="tcp://127.0.0.1:1", **SIZE)
-    assert not caplog.records
-    with pytest.raises(ph.ResourceError, match="no scheduler answers"):
-        ph.render(scene, cluster="tcp://192.0.2.1:8786", **SIZE)
-    assert "can be read and changed on the way" in caplog.text
+    with pytest.raises(ph.SceneError, match=r"cluster is 'tcp://\[x'"):
+        ph.render(scene, cluster="tcp://[x", **SIZE)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ph.ResourceError, match=r"pip install 'parhelion\[cluster\]'"):
         ph.render(scene, cluster="local:2", **SIZE)

@@ -251,7 +251,12 @@ class Rendering:
                     self._ended = "stopped"
             if self._ended is None and self.goal.deadline is not None and now > self.goal.deadline:
                 self._ended = "time"
-            return self._ended is not None or (self._save is not None and now >= self._next_save)
+            due = self._save is not None and now >= self._next_save
+            if due and self._sampler.at_once and self._save is not None:
+                self._save()  # what is under way elsewhere goes on meanwhile
+                self._next_save = time.perf_counter() + self._interval
+                due = False
+            return self._ended is not None or due
 
         samples, rays, complete = self._sampler.take(self.film, targets, pixels, tick)
         tick(samples, rays)

@@ -248,14 +248,15 @@ def run(args: argparse.Namespace) -> int:
         check_denoiser()
         settings["features"] = True  # albedo and normals guide it
     with memory.limited(args.memory_limit), ExitStack() as stack:
-        if args.cluster is not None:
-            from ..cluster.places import opened
-
-            there = stack.enter_context(opened(args.cluster, args.threads))
-            settings["cluster"], settings["threads"] = there
+        settings["cluster"] = args.cluster
         if args.turntable is not None or args.frames is not None:
             from . import sequences
 
+            if args.cluster is not None:  # one for all pictures
+                from ..cluster.places import opened
+
+                there = stack.enter_context(opened(args.cluster, args.threads))
+                settings["cluster"], settings["threads"] = there
             return sequences.run(args, output, settings)
         if args.shard is not None:
             return _part(args, settings, begun)
@@ -369,6 +370,9 @@ def _part(args: argparse.Namespace, settings: dict[str, Any], begun: float) -> i
             resume=args.resume,
             **settings,
         )
+    if image.stats.ended == "failed":
+        print(f"parhelion: {output} has {image.told_spp()}: a part failed", file=sys.stderr)
+        return 1
     own = image.counts[image.counts > 0]
     least = int(own.min()) if own.size else 0
     if image.stats.ended == "spp":

@@ -91,14 +91,16 @@ def run(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
             for k, image in zip(places, series.images(places), strict=True):
                 image = finished(args, image, watch)
                 if not is_finished(args, image):
-                    raise _Stopped
+                    raise _Stopped(image.stats.ended)
                 taker.add(replace(image, notes=notes(k)), series.numbers[k])
                 watch.add(image)
-    except _Stopped:
-        done = f"stopped after {watch.done} of {watch.count} pictures"
+    except _Stopped as why:
+        failed = str(why) == "failed"
+        said = "a part of the next failed" if failed else "stopped"
+        done = f"{said} after {watch.done} of {watch.count} pictures"
         hint = f"{output} was not written" if film else "--skip-existing makes the others"
         print(f"parhelion: {done}; {hint}", file=sys.stderr)
-        return 130
+        return 1 if failed else 130
     if not args.quiet:
         what = f"{watch.count} picture{'s' * (watch.count != 1)}"
         what += f" ({there} more {'was' if there == 1 else 'were'} there)" if there else ""
@@ -111,7 +113,7 @@ def run(args: argparse.Namespace, output: str, settings: dict[str, Any]) -> int:
 
 
 class _Stopped(Exception):
-    """Leaves a sequence in its middle."""
+    """Leaves a sequence in its middle; its text is what ended the picture there."""
 
 
 def _turntable(

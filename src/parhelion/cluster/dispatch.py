@@ -129,19 +129,20 @@ class Dispatcher:
     def _without(self, task: Task, worker: str) -> None:
         """Takes a unit from a worker."""
         self.again += 1
-        future = task.futures.pop(worker)
-        self._by_key.pop(future.key, None)
-        self._load[worker] -= 1
+        self._release(task.futures.pop(worker), worker)
         if not task.futures:
             self._tasks.discard(task)
 
     def _forget(self, task: Task) -> None:
         for worker, future in task.futures.items():
-            self._by_key.pop(future.key, None)
-            self._load[worker] -= 1
-            if not future.done():
-                future.cancel()
+            self._release(future, worker)
         self._tasks.discard(task)
+
+    def _release(self, future: Any, worker: str) -> None:
+        self._by_key.pop(future.key, None)
+        self._load[worker] -= 1
+        if not future.done():  # else it waits for ever for a worker that is gone
+            future.cancel()
 
     def _help(self) -> None:
         """Gives what is late to other workers as well, and those who have it nothing more before

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 import logging
 import shutil
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from .. import machine
+from .. import machine, memory
 from ..errors import FormatError, ResourceError, SceneError, option
 
 log = logging.getLogger("parhelion")
@@ -21,6 +22,8 @@ _NAMES = "local:N, slurm:FILE, or a scheduler's address such as tcp://HOST:8786"
 _MOST = 4096
 # Seconds that a scheduler has to answer
 _ANSWER = 10
+# Before Python 3.11 asyncio's is another
+TIMEOUTS = (TimeoutError, asyncio.TimeoutError)
 
 
 @contextmanager
@@ -40,6 +43,9 @@ def opened(cluster: Any, threads: int) -> Iterator[tuple[Any, int]]:
             f"{option('cluster')} needs dask.distributed: pip install 'parhelion[cluster]'"
         ) from None
     if isinstance(cluster, distributed.Client):
+        if cluster.asynchronous or cluster.status != "running":
+            raise SceneError(f"{option('cluster')} is {cluster!r}; must be one that waits and runs")
+        _warn(cluster)
         yield cluster, threads
         return
     if not isinstance(cluster, str):
@@ -57,10 +63,13 @@ def opened(cluster: Any, threads: int) -> Iterator[tuple[Any, int]]:
         elif kind == "slurm":
             jobs = stack.enter_context(_jobs(Path(rest)))
             client = stack.enter_context(distributed.Client(jobs))
+            _warn(client)
             _wait_for_one(client, jobs)
             yield client, threads
         else:
-            yield stack.enter_context(_connected(distributed, cluster)), threads
+            client = stack.enter_context(_connected(distributed, cluster))
+            _warn(client)
+            yield client, threads
 
 
 @contextmanager
@@ -76,8 +85,19 @@ def _quiet() -> Iterator[None]:
         theirs.setLevel(level)
 
 
-# What Dask watches of itself takes 2 % of two cores, and nobody looks.
+def _share(count: int) -> int | None:
+    """Bytes that each of so many workers may hold, and as many for this process."""
+    free = memory.available()
+    return None if free is None else free // (count + 1)
+
+
+# What Dask watches of itself takes 2 % of two cores, and nobody looks; the memory that we take is
+# estimated before.
 _UNWATCHED = {
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": False,
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "5s",
@@ -95,7 +115,7 @@ def _processes(distributed: Any, cluster: str, count: int) -> Any:
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address="127.0.0.1:0",
-                memory_limit=None,  # ours is estimated before it is taken
+                memory_limit=_share(count),
                 silence_logs="CRITICAL",
             )
     except RuntimeError as error:
@@ -139,7 +159,7 @@ def _jobs(file: Path) -> Any:
 def _wait_for_one(client: Any, jobs: Any) -> None:
     """Until the first job runs, for as long as that takes."""
     for seconds in itertools.chain([_ANSWER], itertools.repeat(3600)):
-        with suppress(TimeoutError):
+        with suppress(*TIMEOUTS):
             client.wait_for_workers(1, timeout=seconds)
             return
         if not jobs.workers:
@@ -152,15 +172,9 @@ def _connected(distributed: Any, cluster: str) -> Any:
     kind, _, rest = cluster.partition(":")
     if kind not in ("tcp", "tls", "ucx", "ws", "wss") or not rest.startswith("//"):
         raise SceneError(f"{option('cluster')} is {cluster!r}; must be {_NAMES}")
-    if kind == "tcp" and not is_here(cluster):
-        log.warning(
-            "%s: what is sent can be read and changed on the way; a scheduler with TLS has an"
-            " address tls://HOST:PORT (docs/cluster.md)",
-            cluster,
-        )
     try:
         return distributed.Client(cluster, timeout=_ANSWER)
-    except (OSError, TimeoutError) as error:
+    except (OSError, *TIMEOUTS) as error:
         raise ResourceError(f"{cluster}: no scheduler answers: {error}") from error
     except ValueError as error:
         raise SceneError(f"{option('cluster')} is {cluster!r}: {error}") from error
@@ -171,6 +185,17 @@ def _connected(distributed: Any, cluster: str) -> Any:
             f"{option('cluster')} is {cluster!r}, and Dask has no certificates for TLS"
             " (docs/cluster.md)"
         ) from error
+
+
+def _warn(client: Any) -> None:
+    """Of a scheduler on another machine that anybody on the way can listen to."""
+    address = str(client.scheduler_info(n_workers=0)["address"])
+    if not address.startswith(("tls:", "wss:", "inproc:")) and not is_here(address):
+        log.warning(
+            "%s: what is sent can be read and changed on the way; a scheduler with TLS has an"
+            " address tls://HOST:PORT (docs/cluster.md)",
+            address,
+        )
 
 
 def is_here(address: str) -> bool:

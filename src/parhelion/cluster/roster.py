@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import ResourceError, SceneError
-from .places import is_here
+from .places import TIMEOUTS, is_here
 from .scenes import packed
 from .worker import Absent, Picture, WrongBuild, greet, keep, read
 
@@ -55,15 +55,16 @@ class Roster:
     """
 
     def __init__(self, client: Any, picture: Picture, parts: Mapping[str, Any]) -> None:
-        self._client, self._picture, self._parts = client, picture, parts
+        self._client, self._picture = client, picture
         self._workers: dict[str, _Worker] = {}
         self._sent: list[Any] = []
         self._numbers = itertools.count()
         self._looked = -LOOK
         self._send_from = 0.0  # when the scene may be sent again
         self._begun = False
+        self._packed = packed(parts)
         # of a small scene the arrays are there sooner
-        size = sum(a.nbytes for bundle in packed(parts)[1] for _, a in bundle)
+        size = sum(a.nbytes for bundle in self._packed[1] for _, a in bundle)
         self._may_read = picture.source is not None and size >= _READ
         self._died = 0  # with the scene, one after the other
         self.there: frozenset[str] = frozenset()
@@ -114,7 +115,7 @@ class Roster:
 
         try:
             self._client.wait_for_workers(1, timeout=_ALONE)
-        except TimeoutError as error:
+        except TIMEOUTS as error:
             raise ResourceError("the cluster has no workers") from error
         except (OSError, CommClosedError) as error:
             raise ResourceError(f"the cluster does not answer: {error}") from error
@@ -136,15 +137,20 @@ class Roster:
     def _call(self) -> None:
         if self._client.status != "running":
             raise ResourceError("the cluster's scheduler is gone")
-        there = frozenset(self._client.scheduler_info(n_workers=-1)["workers"])
+        told = self._client.scheduler_info(n_workers=-1)["workers"]
+        # one that Dask has paused, for want of memory, does nothing
+        there = frozenset(a for a, w in told.items() if w.get("status", "running") == "running")
         for address in self.there - there:
             worker = self._workers.pop(address)
             self._died += worker.state == "lacking"
         for address in there - self.there:
             self._workers[address] = _Worker()
         if not there and self.there:
-            log.warning("the cluster has no workers any more; waiting for some")
+            paused = f" but {len(told)} that Dask has paused for want of memory" if told else ""
+            log.warning("the cluster has no workers any more%s; waiting for some", paused)
         self.there = there
+        if there and all(w.state == "refused" for w in self._workers.values()):
+            raise ResourceError("none of the cluster's workers can take the scene")
         if self._died > max(_DEATHS, len(there)):
             raise ResourceError(
                 f"{self._died} workers ended when they got the scene; it may need more memory than"
@@ -171,7 +177,7 @@ class Roster:
     def _send(self, lacking: list[str]) -> None:
         """Has workers fetch the scene and build its tree."""
         if not self._sent:
-            skeleton, bundles = packed(self._parts)
+            skeleton, bundles = self._packed
             name = f"{self._picture.name}-scene-{next(self._numbers)}"
             named = {f"{name}-{i}": part for i, part in enumerate([skeleton, *bundles])}
             try:

@@ -23,7 +23,7 @@ from ..errors import ParhelionError, ResourceError
 from ..progress import Crew
 from .dispatch import Dispatcher, Task
 from .roster import Roster
-from .worker import Failed, Picture, Seen, Unit, film_of
+from .worker import Failed, Picture, Seen, Unit, build, film_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -91,7 +91,7 @@ class Workers:
         threads: int,
         isa: str,
     ) -> None:
-        from .. import __version__, _core
+        from .. import __version__
 
         self._client, self._errors, self._film = client, errors, film
         self.failures: Sequence[str] = ()
@@ -99,7 +99,7 @@ class Workers:
         self._picture = Picture(
             name=f"parhelion-{os.urandom(8).hex()}",
             version=__version__,
-            build=_core.sources,
+            build=build(),
             scene=flat.sha256(),
             source=None if source is None else asdict(source),
             camera=asdict(camera),
@@ -218,7 +218,7 @@ class Workers:
             speed, workers = self._samples / self._seconds, max(1, len(self._roster.ready))
             samples = speed * unit_seconds(self._left / speed, workers, self._cost)
         most = int((np.maximum(wanted, begun) - begun).max())
-        step = even_part(most, samples / (tile.width * tile.height))
+        step = even_part(most, samples / max(1, int(np.count_nonzero(wanted > begun))))
         to = np.minimum(wanted, begun + np.uint32(step))
         if self._errors:  # means are kept of powers of two, which only the whole film knows
             powers = np.uint32(1) << np.ceil(np.log2(begun + 1.0)).astype(np.uint32)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import logging
 import threading
 import time
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +21,9 @@ from .scenes import unpacked
 
 log = logging.getLogger("parhelion")
 
-# Of the memory that is free, the share that scenes of other pictures may hold. They are let go of
-# before a scene that would find no room otherwise, too.
-_SHARE = 0.25
+# Of the memory that is free, the share that scenes of other pictures may hold, but for those that
+# were used within so many seconds. All are let go of for a scene that would find no room otherwise.
+_SHARE, _RECENT = 0.25, 60.0
 # Pictures that are known; they are a kilobyte each, and a view.
 _PICTURES = 64
 
@@ -108,15 +111,28 @@ class Failed:
 # One unit at a time takes all cores, however many tasks the worker may run at once.
 _busy = threading.Lock()
 _scenes: OrderedDict[str, Any] = OrderedDict()
+_used: dict[str, float] = {}  # when each was, as of time.monotonic()
 # Each with its view of the scene, once there is one
 _pictures: OrderedDict[str, tuple[Picture, Any]] = OrderedDict()
 
 
+@functools.cache
+def build() -> str:
+    """What made this program: a hash of its sources, those of the core and those in Python."""
+    from .. import _core
+
+    digest = hashlib.sha256(_core.sources.encode())
+    root = Path(__file__).resolve().parent.parent
+    for file in sorted(root.rglob("*.py")):
+        digest.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
 def greet(picture: Picture) -> None:
     """Hears of a picture. Raises WrongBuild, and Absent where its scene is not there."""
-    from .. import __version__, _core
+    from .. import __version__
 
-    if picture.build != _core.sources:
+    if picture.build != build():
         what = f"version {__version__}" if __version__ != picture.version else "another build"
         raise WrongBuild(
             f"has {what} of Parhelion, and this is {picture.version}; samples might differ"
@@ -162,19 +178,29 @@ def _keep(scene: str, flat: Any) -> None:
     with _busy:
         if scene not in _scenes:
             _scenes[scene] = _built(flat)
+        _used[scene] = time.monotonic()
 
 
 def _built(flat: Any) -> Any:
     """The core's scene, with room made for it."""
-    from ..renderer import build
+    from distributed import get_worker
+
+    with memory.limited(get_worker().memory_manager.memory_limit or None):
+        return _built_within(flat)
+
+
+def _built_within(flat: Any) -> Any:
+    from .. import renderer
 
     held = sum(core.stats()["bytes"] for core in _scenes.values())
     room = memory.available()
     while _scenes and room is not None and held > _SHARE * (room + held):
+        if time.monotonic() < _used[next(iter(_scenes))] + _RECENT:
+            break
         held -= _let_go()
     while True:
         try:
-            return build(flat)
+            return renderer.build(flat)
         except ResourceError:
             if not _scenes:
                 raise
@@ -256,6 +282,8 @@ def _prepared(name: str) -> tuple[Picture, Any, Any] | None:
         return None
     core = _scenes[picture.scene]
     _scenes.move_to_end(picture.scene)
+    _pictures.move_to_end(name)
+    _used[picture.scene] = time.monotonic()
     if view is None:
         camera, settings = Camera(**picture.camera), Settings(**picture.settings)
         view = make_view(core, camera, settings, picture.tree)

@@ -745,16 +745,6 @@ class Session:
         from ..cluster.sampler import Workers
 
         request, before = self._request, replace(drawing)
-        if drawing.workers is None:
-            assert drawing.settings is not None
-            drawing.workers = Workers(
-                *(self._client, self._flat, request.camera, drawing.settings, drawing.film),
-                tree=True,
-                features=request.features,
-                errors=True,
-                threads=self._each,
-                isa="",
-            )
         began = told = time.perf_counter()
 
         def tell(samples: int, rays: int) -> None:
@@ -776,7 +766,26 @@ class Session:
 
         _, _, w, h = drawing.place
         targets = np.full((h, w), self._spp, np.uint32)
-        samples, rays, complete = drawing.workers.take(drawing.film, targets, w * h, tick)
+        try:
+            if drawing.workers is None:
+                assert drawing.settings is not None
+                drawing.workers = Workers(
+                    *(self._client, self._flat, request.camera, drawing.settings, drawing.film),
+                    tree=True,
+                    features=request.features,
+                    errors=True,
+                    threads=self._each,
+                    isa="",
+                )
+            samples, rays, complete = drawing.workers.take(drawing.film, targets, w * h, tick)
+        except ResourceError as error:  # the scheduler is gone: this machine goes on
+            self._client = None
+            self.report(str(error))
+            return
+        finally:
+            gone = self._client is None or self._closing or self._request is not request
+            if gone and drawing.workers is not None:
+                drawing.workers.close()
         if drawing.workers.failures:
             raise ResourceError(drawing.workers.failures[0])
         if complete or self._request is request:
