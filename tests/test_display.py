@@ -272,6 +272,6 @@ def test_a_named_background_is_seen_as_it_was_named(tmp_path: Path) -> None:
     file = tmp_path / "a.png"
     # nothing but background in the upper corner
     flags = ["--background", "#204060", "--white-balance", "4000", "--exposure", "1"]
-    small = ["--width", "24", "--spp", "1", "--view", "front", "-q", "-o", str(file)]
+    small = ["--width", "24", "--spp", "1", "-q", "-o", str(file)]
     assert main(["render", *flags, *small]) == 0
     assert np.abs(read_picture(file)[0][0, 0].astype(int) - [0x20, 0x40, 0x60]).max() <= 1

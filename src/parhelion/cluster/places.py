@@ -127,6 +127,9 @@ def _processes(distributed: Any, cluster: str, count: int) -> Any:
 
 def _jobs(file: Path) -> Any:
     """Workers that are jobs of SLURM: a file's arguments of dask_jobqueue.SLURMCluster."""
+    import signal
+
+    own = signal.getsignal(signal.SIGINT)
     try:
         import yaml
         from dask_jobqueue import SLURMCluster
@@ -134,6 +137,10 @@ def _jobs(file: Path) -> Any:
         raise ResourceError(
             "slurm:FILE needs dask-jobqueue: pip install 'parhelion[cluster]'"
         ) from None
+    except ValueError as error:  # of setting a signal
+        raise ResourceError("slurm:FILE is for the main thread of a program") from error
+    if signal.getsignal(signal.SIGINT) is not own:  # importing it takes Ctrl-C to end the process
+        signal.signal(signal.SIGINT, own)
     try:
         told = yaml.safe_load(file.read_text("utf-8"))
     except (OSError, ValueError, yaml.YAMLError) as error:

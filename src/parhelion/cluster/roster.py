@@ -12,7 +12,9 @@ import itertools
 import logging
 import time
 from collections.abc import Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass
+from threading import Thread
 from typing import Any
 
 from ..errors import ResourceError, SceneError
@@ -60,6 +62,7 @@ class Roster:
         self._sent: list[Any] = []
         self._numbers = itertools.count()
         self._looked = -LOOK
+        self._sending: Future[list[Any]] | None = None
         self._send_from = 0.0  # when the scene may be sent again
         self._begun = False
         self._packed = packed(parts)
@@ -74,7 +77,8 @@ class Roster:
     def look(self) -> None:
         """Sees, once in LOOK seconds, who came and who went; those that lack the scene get it."""
         now = time.monotonic()
-        if now < self._looked + LOOK and not any(w.asked for w in self._workers.values()):
+        under_way = self._sending is not None or any(w.asked for w in self._workers.values())
+        if now < self._looked + LOOK and not under_way:
             return
         if now >= self._looked + LOOK:
             self._looked = now
@@ -108,6 +112,7 @@ class Roster:
         """Lets go of what lies on the workers."""
         self._workers.clear()
         self._sent.clear()
+        self._sending = None
 
     def _begin(self) -> None:
         """Waits for workers, and for what they say of themselves."""
@@ -177,23 +182,36 @@ class Roster:
     def _send(self, lacking: list[str]) -> None:
         """Has workers fetch the scene and build its tree."""
         if not self._sent:
-            skeleton, bundles = self._packed
-            name = f"{self._picture.name}-scene-{next(self._numbers)}"
-            named = {f"{name}-{i}": part for i, part in enumerate([skeleton, *bundles])}
-            try:
-                sent = self._client.scatter(named, workers=lacking[:1], hash=False)
-            except Exception as error:  # the worker is gone, which is seen at the next look
+            if self._sending is None:
+                self._sending = Future()
+                Thread(target=self._scatter, args=(self._sending, lacking[0]), daemon=True).start()
+            if not self._sending.done():
+                return
+            sending, self._sending = self._sending, None
+            error = sending.exception()
+            if error is not None:  # the worker is gone, which is seen at the next look
                 self._died += 1
                 if self._client.status != "running" or self._died > _DEATHS:
-                    raise
+                    raise error
                 log.debug("%s: %s", lacking[0], error)
                 self._send_from = time.monotonic() + LOOK
                 return
-            self._sent = list(sent.values())
+            self._sent = sending.result()
         for address in lacking:
             self._workers[address].asked = self._ask(
                 address, keep, self._picture.scene, self._sent[0], self._sent[1:]
             )
+
+    def _scatter(self, sending: Future[list[Any]], address: str) -> None:
+        """Puts the scene's arrays on a worker, in a thread of its own: it may take minutes."""
+        skeleton, bundles = self._packed
+        name = f"{self._picture.name}-scene-{next(self._numbers)}"
+        named = {f"{name}-{i}": part for i, part in enumerate([skeleton, *bundles])}
+        try:
+            sent = self._client.scatter(named, workers=[address], hash=False)
+            sending.set_result(list(sent.values()))
+        except BaseException as error:
+            sending.set_exception(error)
 
     def _ask(self, address: str, function: Any, *arguments: Any) -> Any:
         key = f"{self._picture.name}-{function.__name__}-{next(self._numbers)}"
