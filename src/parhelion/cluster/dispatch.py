@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Set
 from dataclasses import dataclass, field
 from typing import Any
@@ -54,14 +54,11 @@ class Dispatcher:
         self._standing: set[str] = set()  # workers that are late, or fail
         self._slowest = 0.0  # seconds
 
-    def __len__(self) -> int:
-        return len(self._tasks)
-
-    def free(self) -> deque[str]:
+    def free(self) -> list[str]:
         """Workers that may get one more unit, those with the fewest first."""
         ready = self._roster.ready
         some = [w for w in (ready - self._standing or ready) if self._load[w] < EACH]
-        return deque(sorted(some, key=self._load.__getitem__))
+        return sorted(some, key=self._load.__getitem__)
 
     def all_but(self, workers: Set[str]) -> bool:
         """Whether there are others, that work, than these."""

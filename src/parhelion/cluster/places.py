@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import logging
 import shutil
+import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from ipaddress import ip_address
@@ -127,8 +128,6 @@ def _processes(distributed: Any, cluster: str, count: int) -> Any:
 
 def _jobs(file: Path) -> Any:
     """Workers that are jobs of SLURM: a file's arguments of dask_jobqueue.SLURMCluster."""
-    import signal
-
     own = signal.getsignal(signal.SIGINT)
     try:
         import yaml
