@@ -14,7 +14,7 @@ template <class T>
 nanobind::object make_array(std::vector<size_t> shape, T*& data) {
   size_t size = 1;
   for (size_t n : shape) size *= n;
-  auto owned = std::make_unique<T[]>(size == 0 ? 1 : size);
+  auto owned = std::make_unique_for_overwrite<T[]>(size == 0 ? 1 : size);
   data = owned.get();
   nanobind::capsule owner(owned.release(), [](void* p) noexcept { delete[] static_cast<T*>(p); });
   return nanobind::cast(

@@ -21,6 +21,7 @@
 #include "../host/kernels.h"
 #include "../host/render.h"
 #include "../host/scene.h"
+#include "../host/threads.h"
 #include "../host/view.h"
 #include "arrays.h"
 #include "loading.h"
@@ -436,17 +437,19 @@ std::tuple<nb::object, nb::object> intersect(const Scene& scene, const FloatRows
   i64* id;
   nb::object ts = make_array<float>({rays.size()}, t);
   nb::object ids = make_array<i64>({rays.size()}, id);
-  nb::gil_scoped_release unlocked;
-  k.intersect(scene.view(), rays.data(), limit.data(), rays.size(), tree, hits.data());
-  const float unscale = static_cast<float>(1.0 / scene.scale());
-  for (size_t i = 0; i < hits.size(); ++i) {
-    const Slot slot = hits[i].slot;
-    const bool hit = slot.leaf != kNone;
-    t[i] = hits[i].t * unscale;
-    id[i] = -1;
-    if (!hit) continue;
-    baseline::with_primitive(scene.view(), slot,
-                             [&](const auto&, u32 primitive) { id[i] = i64{primitive}; });
+  {
+    nb::gil_scoped_release unlocked;
+    k.intersect(scene.view(), rays.data(), limit.data(), rays.size(), tree, hits.data());
+    const float unscale = static_cast<float>(1.0 / scene.scale());
+    for (size_t i = 0; i < hits.size(); ++i) {
+      const Slot slot = hits[i].slot;
+      const bool hit = slot.leaf != kNone;
+      t[i] = hits[i].t * unscale;
+      id[i] = -1;
+      if (!hit) continue;
+      baseline::with_primitive(scene.view(), slot,
+                               [&](const auto&, u32 primitive) { id[i] = i64{primitive}; });
+    }
   }
   return {ts, ids};
 }
@@ -619,10 +622,14 @@ std::tuple<nb::object, nb::object, nb::object> film_arrays(const Film& film) {
   nb::object means = make_array<float>({film.height, film.width, 3}, rgb);
   nb::object counts = make_array<u32>({film.height, film.width}, count);
   nb::object bads = make_array<u32>({film.height, film.width}, bad);
-  film.means(rgb);
-  for (const FilmPixel& p : film.pixels) {
-    *count++ = p.count;
-    *bad++ = p.bad;
+  {
+    const nb::gil_scoped_release released;
+    film.means(rgb);
+#pragma omp parallel for schedule(static) if (film.pixels.size() > kFewElements)
+    for (size_t i = 0; i < film.pixels.size(); ++i) {
+      count[i] = film.pixels[i].count;
+      bad[i] = film.pixels[i].bad;
+    }
   }
   return {means, counts, bads};
 }
@@ -642,26 +649,35 @@ nb::dict feature_arrays(const Film& film, double unit) {
       {"emission", 3, 3, false, false}, {"direct", 6, 3, false, false},
   };
   nb::dict all;
-  for (const Channel& c : kChannels) {
-    float* out;
-    all[c.name] = make_array<float>({film.height, film.width, c.size}, out);
-    const float factor = c.length ? static_cast<float>(unit) : 1.0f;
-    for (const FeaturePixel& p : film.features) {
-      const FilmSum* sums = c.place ? p.place : p.light;
-      for (size_t k = 0; k < c.size; ++k) {
-        *out++ = factor * baseline::mean(sums[c.first + k], c.place ? p.hits : p.count);
-      }
-    }
+  std::array<float*, std::size(kChannels)> means;
+  for (size_t c = 0; c < means.size(); ++c) {
+    all[kChannels[c].name] =
+        make_array<float>({film.height, film.width, kChannels[c].size}, means[c]);
   }
   float* coverage;
   i64 *shape, *material;
   all["coverage"] = make_array<float>({film.height, film.width}, coverage);
   all["shape"] = make_array<i64>({film.height, film.width}, shape);
   all["material"] = make_array<i64>({film.height, film.width}, material);
-  for (const FeaturePixel& p : film.features) {
-    *coverage++ = p.count == 0 ? 0.0f : static_cast<float>(p.hits) / static_cast<float>(p.count);
-    *shape++ = p.shape == kNone ? -1 : i64{p.shape};
-    *material++ = p.material == kNone ? -1 : i64{p.material};
+  {
+    const nb::gil_scoped_release released;
+    // Once over the film, of whose half a kilobyte a pixel little stays in caches.
+#pragma omp parallel for schedule(static) if (film.features.size() > kFewElements)
+    for (size_t i = 0; i < film.features.size(); ++i) {
+      const FeaturePixel& p = film.features[i];
+      for (size_t c = 0; c < means.size(); ++c) {
+        const Channel& channel = kChannels[c];
+        const FilmSum* sums = (channel.place ? p.place : p.light) + channel.first;
+        const float factor = channel.length ? static_cast<float>(unit) : 1.0f;
+        for (size_t k = 0; k < channel.size; ++k) {
+          means[c][i * channel.size + k] =
+              factor * baseline::mean(sums[k], channel.place ? p.hits : p.count);
+        }
+      }
+      coverage[i] = p.count == 0 ? 0.0f : static_cast<float>(p.hits) / static_cast<float>(p.count);
+      shape[i] = p.shape == kNone ? -1 : i64{p.shape};
+      material[i] = p.material == kNone ? -1 : i64{p.material};
+    }
   }
   return all;
 }
@@ -672,8 +688,11 @@ std::tuple<nb::object, nb::object> matte_arrays(const Film& film, const Indices&
   float *shape, *material;
   nb::object shapes = make_array<float>({film.height, film.width, kMatteRanks, 2}, shape);
   nb::object materials = make_array<float>({film.height, film.width, kMatteRanks, 2}, material);
-  film.ranks(&FeaturePixel::shapes, {shape_ids.data(), shape_ids.size()}, shape);
-  film.ranks(&FeaturePixel::materials, {material_ids.data(), material_ids.size()}, material);
+  {
+    const nb::gil_scoped_release released;
+    film.ranks(&FeaturePixel::shapes, {shape_ids.data(), shape_ids.size()}, shape);
+    film.ranks(&FeaturePixel::materials, {material_ids.data(), material_ids.size()}, material);
+  }
   return {shapes, materials};
 }
 

@@ -11,6 +11,7 @@
 #include <stdexcept>
 
 #include "errors.h"
+#include "threads.h"
 
 namespace parhelion {
 
@@ -88,8 +89,10 @@ void Film::add(const Film& part, std::span<const u32> begun) {
 }
 
 void Film::means(float* rgb) const {
-  for (const FilmPixel& p : pixels) {
-    for (const FilmSum& sum : p.rgb) *rgb++ = baseline::mean(sum, p.count);
+#pragma omp parallel for schedule(static) if (pixels.size() > kFewElements)
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    for (size_t k = 0; k < 3; ++k)
+      rgb[3 * i + k] = baseline::mean(pixels[i].rgb[k], pixels[i].count);
   }
 }
 
@@ -97,12 +100,18 @@ void Film::ranks(Tally FeaturePixel::* tally, std::span<const u32> ids, float* o
   struct Entry {
     u32 id, count;
   };
-  for (const FeaturePixel& p : features) {
+  bool named = true;
+#pragma omp parallel for schedule(static) reduction(&& : named) if (features.size() > kFewElements)
+  for (size_t at = 0; at < features.size(); ++at) {
+    const FeaturePixel& p = features[at];
     const Tally& t = p.*tally;
     Entry found[kTallySlots] = {};
     Entry* end = found;
     for (u32 i = 0; i < kTallySlots && t.count[i] != 0; ++i) {
-      if (t.index[i] >= ids.size()) throw std::out_of_range("an index has no id");
+      if (t.index[i] >= ids.size()) {
+        named = false;
+        continue;
+      }
       const u32 id = ids[t.index[i]];
       Entry* same = std::find_if(found, end, [&](const Entry& e) { return e.id == id; });
       if (same == end) *end++ = {id, 0};
@@ -112,11 +121,14 @@ void Film::ranks(Tally FeaturePixel::* tally, std::span<const u32> ids, float* o
                       [](const Entry& a, const Entry& b) {
                         return a.count != b.count ? a.count > b.count : a.id < b.id;
                       });
-    for (const Entry* e = found; e < found + kMatteRanks; ++e) {
-      *out++ = std::bit_cast<float>(e->id);
-      *out++ = e->count == 0 ? 0.0f : static_cast<float>(e->count) / static_cast<float>(p.count);
+    for (u32 i = 0; i < kMatteRanks; ++i) {
+      float* pair = out + 2 * (at * kMatteRanks + i);
+      const Entry& e = found[i];
+      pair[0] = std::bit_cast<float>(e.id);
+      pair[1] = e.count == 0 ? 0.0f : static_cast<float>(e.count) / static_cast<float>(p.count);
     }
   }
+  if (!named) throw std::out_of_range("an index has no id");
 }
 
 namespace {
