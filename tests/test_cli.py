@@ -541,6 +541,36 @@ def test_a_signal_ends_it_soon_with_what_there_is(tmp_path: Path, number: int, w
     np.testing.assert_allclose(pixels.mean((0, 1)), expected.mean((0, 1)), rtol=0.05)
 
 
+def test_stopped_it_writes_the_picture_before_its_layers(tmp_path: Path) -> None:
+    with started(*ENDLESS, "--features", "-o", "a.exr", cwd=tmp_path) as process:
+        wait_for(process, "nodes")
+        time.sleep(0.7)
+        process.send_signal(signal.SIGINT)
+        wait_for(process, "a.exr is there, its layers follow")
+        before, _ = read_picture(tmp_path / "a.exr")
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert said.startswith("parhelion: stopped; a.exr has ")
+    read_picture(tmp_path / "a.exr", ["depth.Z"])
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.exr")[0], before)
+    assert os.listdir(tmp_path) == ["a.exr"]
+
+
+def test_ctrl_c_while_the_program_is_loaded(tmp_path: Path) -> None:
+    program = (
+        "import sys, parhelion.__main__ as program\n"
+        "class Finder:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'parhelion.cli': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Finder())\n"
+        "sys.exit(program.main())\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (ended.returncode, ended.stderr) == (130, "parhelion: stopped\n")
+
+
 def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
     # no one reads this pipe, so that writing the picture never ends
     os.mkfifo(tmp_path / "a.png")
