@@ -58,7 +58,9 @@ def watched(file: Path) -> Iterator[Session]:
 
 
 def middle(session: Session) -> list[float]:
-    return [float(x) for x in settled(session, 1).pixels[8, 12]]
+    pixels = settled(session, 1).pixels
+    height, width = pixels.shape[:2]
+    return [float(x) for x in pixels[height // 2, width // 2]]
 
 
 def test_a_changed_file_is_shown_and_a_broken_one_told(tmp_path: Path) -> None:
@@ -93,6 +95,36 @@ def test_its_pictures_are_watched_too(tmp_path: Path) -> None:
         before = middle(session)
         paint(250)
         wait_for(lambda: middle(session)[2] > 4 * before[2])
+
+
+def test_layers_and_references_of_usd_are_watched(tmp_path: Path) -> None:
+    pytest.importorskip("pxr")
+
+    def ball(color: str) -> str:
+        return (
+            '#usda 1.0\n(defaultPrim = "ball")\ndef Sphere "ball" {\n double radius = 1\n'
+            f" color3f[] primvars:displayColor = [({color})]\n}}\n"
+        )
+
+    def thin(width: float) -> str:
+        return (
+            '#usda 1.0\nover "world" {\n uniform token[] xformOpOrder = ["xformOp:scale"]\n'
+            f" double3 xformOp:scale = ({width}, {width}, 1)\n}}\n"
+        )
+
+    (tmp_path / "ball.usda").write_text(ball("0.9, 0.1, 0.1"))
+    (tmp_path / "layer.usda").write_text(thin(1.0))
+    file = tmp_path / "all.usda"
+    file.write_text(
+        '#usda 1.0\n(subLayers = [@layer.usda@])\ndef "world" (references = @ball.usda@) {\n}\n'
+    )
+    with watched(file) as session:
+        before = middle(session)
+        (tmp_path / "ball.usda").write_text(ball("0.1, 0.1, 0.9"))
+        wait_for(lambda: middle(session)[2] > 4 * before[2])
+        eye = session.camera.eye
+        (tmp_path / "layer.usda").write_text(thin(3.0))
+        wait_for(lambda: session.camera.eye != eye)  # further away from what is wider
 
 
 def test_which_files_a_scene_is_made_of(tmp_path: Path) -> None:
