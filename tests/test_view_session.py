@@ -14,9 +14,10 @@ import pytest
 
 import parhelion as ph
 from parhelion import memory, renderer
-from parhelion.view import session as views
+from parhelion.view import stage
+from parhelion.view.drawing import Frame
 from parhelion.view.layers import LAYERS
-from parhelion.view.session import Frame, Session, resident
+from parhelion.view.session import Session, resident
 from test_memory import LINUX, child
 
 WHITE = ph.Material("diffuse", color=(0.8, 0.8, 0.8))
@@ -213,13 +214,13 @@ def test_changes_without_end_do_not_stall_the_picture(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settled(session)
-    change = views.Parameters.change
+    change = stage.Parameters.change
 
     def slow(*arguments: Any) -> None:
         time.sleep(0.01)
         change(*arguments)
 
-    monkeypatch.setattr(views.Parameters, "change", slow)
+    monkeypatch.setattr(stage.Parameters, "change", slow)
     frames: list[Frame] = []
     session.subscribe(lambda event: frames.append(session.frame) if event == "frame" else None)
     end, refused = time.monotonic() + 20, 0
@@ -292,7 +293,7 @@ def test_of_many_hidings_the_last_is_built(
         built.append(arguments)
         return renderer.build(*arguments)
 
-    monkeypatch.setattr(views, "build", build)
+    monkeypatch.setattr(stage, "build", build)
     asked = [session.hide([k % 3]) for k in range(20)]
     # meanwhile others look, and pick in what is still there
     assert session.pick(0.5, 0.5).object == "ball"

@@ -11,7 +11,7 @@ from ..display import Display, srgb_stored
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .session import Frame
+    from .drawing import Frame
 
 PICTURE = "picture"
 # layer -> what it is called. All but the first are features, rendered when asked for.

@@ -28,8 +28,9 @@ from ..errors import ParhelionError, ResourceError, SceneError
 from ..image import encoded
 from ..saving import save
 from ..scene import Camera
+from .drawing import Frame
 from .layers import LAYERS, PICTURE
-from .session import Event, Frame, Session, resident
+from .session import Event, Session, resident
 
 log = logging.getLogger("parhelion")
 

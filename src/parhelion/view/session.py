@@ -15,10 +15,10 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -28,25 +28,12 @@ from .. import machine, memory
 from ..denoise import check_denoiser, denoised, finite, guides_of
 from ..display import Display
 from ..errors import ParhelionError, ResourceError, SceneError, option, unknown_name
-from ..flatten import Flat
-from ..framing import placed
 from ..image import HIDDEN, Image, RenderStats
-from ..progressive import block_errors, picture_error
-from ..renderer import (
-    ERROR_BYTES,
-    FEATURE_BYTES,
-    PIXEL_BYTES,
-    Prepared,
-    build,
-    make_view,
-    merged,
-    plain_camera,
-    prepare,
-    surface_features,
-)
-from ..scene import Camera, Framing, Scene, Settings, Vec3
+from ..renderer import Prepared, merged, plain_camera, prepare
+from ..scene import Camera, Framing, Scene
+from .drawing import LONGEST_PASS, Drawing, Frame, Rectangle, Request, draw, rectangle, require
 from .layers import LAYERS, PICTURE, needs_features, shown
-from .parameters import Parameters, changed
+from .stage import Pick, Stage
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -65,16 +52,10 @@ FIRST_SECONDS = 0.05
 LATE_SECONDS = 0.2
 # Samples a second of a scene that nothing is known of yet: a few thousand pixels come first.
 UNKNOWN_RATE = 5e4
-# Seconds that a pass may take: in the beginning, and later, when pictures change less.
-SHORTEST_PASS, LONGEST_PASS = 0.15, 1.5
 # After so many a pass shows what it has come to, where each pixel has a sample already.
 LATE_PASS = 3.0
-# Seconds that placing the camera may take to be done at once (of 1e7 spheres it takes two), and
-# proportions of pictures for which it is remembered.
-QUICK, MOST_HOMES = 0.05, 32
-# Bytes a pixel beside what render() takes, measured with some room: pictures that are kept until
-# the next one is there, colours and their packing; and of features.
-SHOWN_BYTES, SHOWN_FEATURE_BYTES = 80, 160
+# Seconds that placing the camera may take to be done at once: of 1e7 spheres it takes two.
+QUICK = 0.05
 # Sides of a picture, and pixels in all.
 LARGEST_SIDE, MOST_PIXELS = 8192, 3840 * 2160
 DEFAULT_SPP = 4096
@@ -89,105 +70,6 @@ _running: weakref.WeakSet[Session] = weakref.WeakSet()
 def _close_all() -> None:
     for session in list(_running):
         session.close()
-
-
-Rectangle = tuple[float, float, float, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """A picture as far as it has come.
-
-    number: counts frames. revision: of the request that it answers. pixels: (H, W, 3) linear light
-    of the part x, y, W, H of a picture of width x height pixels. scale: 1 for the size that was
-    asked for, below for a coarse one. spp: samples in each pixel, some may have more. seconds: of
-    rendering it. latency: from the request to this picture. error: as RenderStats.error, and
-    block_errors of blocks of 8x8 pixels; None for coarse ones and where samples are too few. flat:
-    what is seen, in which the objects that are hidden, names by indices, are made of nothing.
-    """
-
-    number: int
-    revision: int
-    pixels: NDArray[np.float32]
-    counts: NDArray[np.uint32]
-    features: Mapping[str, NDArray[Any]]
-    x: int
-    y: int
-    width: int
-    height: int
-    scale: float
-    spp: int
-    seconds: float
-    latency: float
-    samples: int
-    rays: int
-    camera: Camera
-    settings: Settings
-    flat: Flat
-    hidden: Mapping[int, str]
-    build_seconds: float
-    error: float | None
-    block_errors: NDArray[np.float64] | None
-
-    @property
-    def rate(self) -> float:
-        """Samples a second."""
-        return self.samples / max(self.seconds, 1e-9)
-
-
-@dataclass(frozen=True)
-class Pick:
-    """What is seen at a place of the picture.
-
-    object, material: their names, and object_index, material_index in the outline; None where there
-    is nothing. position, distance (from the camera), normal: in scene units. depth: the distance
-    along the viewing direction. value: linear RGB of the picture there, None if it has none yet.
-    """
-
-    x: float
-    y: float
-    object: str | None = None
-    object_index: int | None = None
-    material: str | None = None
-    material_index: int | None = None
-    position: Vec3 | None = None
-    normal: Vec3 | None = None
-    distance: float | None = None
-    depth: float | None = None
-    value: Vec3 | None = None
-
-
-@dataclass(frozen=True)
-class _Request:
-    """What is to be rendered; revision counts them."""
-
-    revision: int
-    camera: Camera
-    width: int
-    height: int
-    crop: Rectangle | None
-    features: bool
-    asked: float  # when, by the clock of perf_counter
-
-
-@dataclass
-class _Drawing:
-    """A request's picture under way. failed: it cannot be made; the old one stays."""
-
-    request: _Request
-    scale: float
-    first: bool = True
-    failed: bool = False
-    film: Any = None
-    view: Any = None
-    settings: Settings | None = None
-    place: tuple[int, int, int, int] = (0, 0, 0, 0)
-    done: int = 0  # samples of each pixel
-    size: int = 1  # of the next pass, samples a pixel
-    seconds: float = 0.0
-    samples: int = 0
-    rays: int = 0
-    workers: Any = None  # of a cluster that goes on with it
 
 
 class Session:
@@ -219,10 +101,8 @@ class Session:
             self._memory_limit = memory.limit()
         with self.limited():
             prepared = scene if isinstance(scene, Prepared) else prepare(scene)
-        self._changes = {k: v for k, v in settings.items() if v is not None and k != "crop"}
-        self._camera = camera
+        changes = {k: v for k, v in settings.items() if v is not None and k != "crop"}
         self._condition = threading.Condition()
-        self._scene_lock = threading.RLock()  # held while the core's scene changes or is picked in
         self._threads = (threads if cluster is None else 0) or machine.cores_available()
         self._listeners: list[Callable[[Event], None]] = []
         self._jobs: deque[tuple[Callable[[], None], Future[None]]] = deque()
@@ -237,26 +117,21 @@ class Session:
         self._full: Frame | None = None
         self._rate = UNKNOWN_RATE
         self._spp = whole("spp", spp, 2**23)
-        self._drawing: _Drawing | None = None
+        self._drawing: Drawing | None = None
         self._number = 0
         self._hides = 0  # that were asked for
-        self._core: Any
-        self._parameters: Parameters
-        self._prepared: Prepared
-        self._settings: Settings
-        self._take(prepared)
-        size = merged(self._settings, {"width": width, "height": height})
+        self._stage = Stage(prepared, camera, changes)
+        size = merged(self._stage.settings, {"width": width, "height": height})
         _check_size(size.width, size.height)
         self._check_memory(size.width, size.height, False)
         crop = settings.get("crop")
-        self._request = _Request(
-            0, self._home(size.width, size.height), size.width, size.height, None, False, _now()
-        )
+        home = self._stage.home(size.width, size.height)
+        self._request = Request(0, home, size.width, size.height, None, False, _now())
         if crop is not None:
             x, y, w, h = merged(size, {"crop": crop}).crop or (0, 0, size.width, size.height)
             part = (x / size.width, y / size.height, w / size.width, h / size.height)
             self._request = replace(self._request, crop=part)
-        self._view(self._request.camera, size)  # whose errors are the caller's
+        self._stage.view(self._request.camera, size)  # whose errors are the caller's
         self._opened = ExitStack()
         self._client, self._each = None, 0
         if cluster is not None:
@@ -289,12 +164,9 @@ class Session:
         self._opened.close()
         for _, future in self._jobs:
             future.cancel()
-        with self._scene_lock:
-            self._parameters.restore()
-            # whoever still holds the session, as a notebook does until Python ends, holds no trees
-            self._drawing = None
-            self._core = self._parameters.core = None
-            self._prepared = replace(self._prepared, core=None)
+        # whoever still holds the session, as a notebook does until Python ends, holds no trees
+        self._drawing = None
+        self._stage.close()
 
     def subscribe(self, listener: Callable[[Event], None]) -> Callable[[], None]:
         """Calls the listener after changes, from whatever thread; it must return at once.
@@ -318,7 +190,7 @@ class Session:
         now = self._request
         # the box filter, as the table of another takes 5 ms
         size = {"width": now.width, "height": now.height, "filter": "box"}
-        self._view(camera, merged(self._settings, size))
+        self._stage.view(camera, merged(self._stage.settings, size))
         self._moved = True
         return self._ask(camera=camera)
 
@@ -326,7 +198,7 @@ class Session:
         """The camera with which it began; returns what look() does."""
         self._moved = False
         now = self._request
-        return self._ask(camera=self._home(now.width, now.height))
+        return self._ask(camera=self._stage.home(now.width, now.height))
 
     def resize(self, width: int, height: int) -> None:
         """Another size, in pixels. Raises SceneError, and ResourceError if memory is too small."""
@@ -337,10 +209,11 @@ class Session:
             return
         self._check_memory(width, height, _wants_features(self._layer, self._denoise))
         camera = now.camera
-        if not self._moved and self._placing <= QUICK:
-            camera = self._home(width, height)
+        quick = self._stage.placing <= QUICK
+        if not self._moved and quick:
+            camera = self._stage.home(width, height)
         self._ask(width=width, height=height, camera=camera)
-        if not self._moved and self._placing > QUICK:
+        if not self._moved and not quick:
             threading.Thread(target=self._place, args=(width, height), daemon=True).start()
 
     def crop(self, part: Rectangle | None) -> None:
@@ -413,13 +286,11 @@ class Session:
 
         What is returned holds the SceneError, if there is one, when it has been done.
         """
-        return self._do(
-            lambda: self._apply(lambda: self._parameters.change(kind, index, name, value)), "values"
-        )
+        return self._do(lambda: self._stage.change(kind, index, name, value), "values")
 
     def restore(self) -> Future[None]:
         """All parameters as they were given."""
-        return self._do(lambda: self._apply(lambda: self._parameters.restore()), "values")
+        return self._do(self._stage.restore, "values")
 
     def hide(self, objects: Collection[int]) -> Future[None]:
         """Which objects, by their indices in the outline, are not there: their tree is made again.
@@ -428,10 +299,17 @@ class Session:
         is one, when it has been done, or left to what was asked for later.
         """
         hidden = set(objects)
-        self._check_objects(hidden)
+        self._stage.check_objects(hidden)
         self._hides += 1
         number = self._hides
-        return self._do(lambda: self._hide(hidden, number), "scene", "building the scene")
+
+        def job() -> None:
+            self._stage.check_objects(hidden)  # of another scene by now, perhaps
+            # a tree of 1e7 spheres takes seconds, and is not made for what the next one ends
+            if number == self._hides:
+                self._stage.hide(hidden)
+
+        return self._do(job, "scene", "building the scene")
 
     def replace(self, scene: Scene | Prepared | Any) -> Future[None]:
         """Another scene, as of a file that was changed. The camera stays if the user moved it.
@@ -440,7 +318,15 @@ class Session:
         """
         with self.limited():
             prepared = scene if isinstance(scene, Prepared) else prepare(scene)
-        return self._do(lambda: self._apply(lambda: self._take(prepared)), "scene")
+
+        def job() -> None:
+            self._stage.take(prepared)
+            self._error = None
+            if not self._moved:
+                now = self._request
+                self._request = replace(now, camera=self._stage.home(now.width, now.height))
+
+        return self._do(job, "scene")
 
     def report(self, error: str | None) -> None:
         """An error to be told with the state, until it is None."""
@@ -483,34 +369,24 @@ class Session:
         """The scene as it is now: its camera, size, part, materials and lights; what is hidden is
         not there.
         """
-        with self._scene_lock:
-            now, hidden = self._request, self._hidden
-            scene = changed(self._prepared, self._parameters.changes())
-        size = {"width": now.width, "height": now.height}
-        crop = None if now.crop is None else _rectangle(now.crop, now.width, now.height)
-        return scene.replace(
-            shapes=[shape for i, shape in enumerate(scene.shapes) if i not in hidden],
-            camera=now.camera,
-            settings=merged(self._settings, {**size, "crop": crop}),
-            source=None,
-        )
+        now = self._request
+        crop = None if now.crop is None else rectangle(now.crop, now.width, now.height)
+        size = {"width": now.width, "height": now.height, "crop": crop}
+        return self._stage.scene(now.camera, merged(self._stage.settings, size))
 
     def array_bytes(self) -> int:
         """What the scene's arrays and images take."""
-        parts = self._prepared.flat.parts
-        records = [*(shape for group in parts["groups"] for shape in group), *parts["images"]]
-        arrays = (value for record in records for value in record.values())
-        return sum(value.nbytes for value in arrays if isinstance(value, np.ndarray))
+        return self._stage.array_bytes()
 
     def state(self) -> dict[str, Any]:
         """What front ends show, as plain values."""
-        now = self._request
+        now, stage = self._request, self._stage
         return {
-            "scene": self._prepared.scene.name,
+            "scene": stage.prepared.scene.name,
             "camera": now.camera,
             "width": now.width,
             "height": now.height,
-            "aspect": None if self._framed else self._settings.width / self._settings.height,
+            "aspect": None if stage.framed else stage.settings.width / stage.settings.height,
             "crop": now.crop,
             "layer": self._layer,
             "exposure": self._display.exposure,
@@ -521,27 +397,12 @@ class Session:
             "moved": self._moved,
             "error": self._error if self._failure is None else str(self._failure),
             "busy": self._busy,
-            "reach": self._extent,
+            "reach": stage.reach,
         }
 
     def outline(self) -> dict[str, Any]:
         """The scene's objects, materials and lights, as plain values."""
-        with self._scene_lock:
-            flat = self._prepared.flat
-            shapes = flat.parts["groups"][-1]
-            objects = [
-                {
-                    "name": name,
-                    "kind": shape["kind"],
-                    "count": shape["count"],
-                    "visible": i not in self._hidden,
-                    "material": shape["material"]
-                    if "material_of" not in shape and shape["kind"] != "instance"
-                    else None,
-                }
-                for i, (name, shape) in enumerate(zip(flat.object_names, shapes, strict=True))
-            ]
-            return {"objects": objects, **self._parameters.listed()}
+        return self._stage.outline()
 
     def finished(self, timeout: float = 60.0) -> Frame:
         """The picture as far as it has come, once it is there in its full size.
@@ -562,8 +423,7 @@ class Session:
 
     def values(self, since: int) -> dict[str, Any]:
         """The materials and lights that were changed after what was told with that serial."""
-        with self._scene_lock:
-            return self._parameters.listed(since)
+        return self._stage.values(since)
 
     def image(self, timeout: float = 60.0) -> Image:
         """The same as an Image. Raises what finished() does."""
@@ -581,7 +441,7 @@ class Session:
             build_seconds=frame.build_seconds,
         )
         settings = replace(frame.settings, spp=frame.spp)
-        legend = self._prepared.scene.legend
+        scene = self._stage.prepared.scene
         return Image(
             pixels=frame.pixels,
             counts=frame.counts,
@@ -590,8 +450,8 @@ class Session:
             camera=frame.camera,
             flat=frame.flat,
             features=frame.features,
-            legend=legend,
-            source=self._prepared.scene.source,
+            legend=scene.legend,
+            source=scene.source,
             notes={HIDDEN: json.dumps(frame.hidden)} if frame.hidden else {},
         )
 
@@ -600,48 +460,10 @@ class Session:
 
         Raises SceneError for one beside it, ResourceError of a session that is closed.
         """
-        from .. import _core
-
         x, y = _share(x), _share(y)
-        now = self._request
-        column, row = (
-            min(int(x * now.width), now.width - 1),
-            min(int(y * now.height), now.height - 1),
-        )
-        # the middle of the pixel as a pinhole sees it
-        settings = merged(
-            self._settings,
-            {"width": now.width, "height": now.height, "filter": "box", "max_depth": 1},
-        )
-        camera = replace(now.camera, aperture_radius=0.0)
-        with self._scene_lock:
-            view = self._view(camera, settings)
-            flat, core = self._prepared.flat, self._core
-            film = _core.Film(column, row, 1, 1, True)
-            _add_samples(film, core, view, 1, 1, None)
-            seen = film.features(1.0 / core.stats()["scale"])
-        value = self._value(x, y)
-        shape = int(seen["shape"][0, 0])
-        if shape < 0:
-            return Pick(x, y, value=value)
-        material = int(seen["material"][0, 0])
-        own = shape - (len(flat.shape_names) - len(flat.object_names))
-        position = np.asarray(seen["position"][0, 0], np.float64)
-        ahead = np.subtract(now.camera.target, now.camera.eye)
-        ahead = ahead / np.linalg.norm(ahead)
-        return Pick(
-            x,
-            y,
-            object=flat.shape_names[shape],
-            object_index=own if own >= 0 else None,
-            material=flat.material_names[material],
-            material_index=material,
-            position=_triple(position),
-            normal=_triple(seen["normal"][0, 0]),
-            distance=float(seen["depth"][0, 0, 0]),
-            depth=float((position - now.camera.eye) @ ahead),
-            value=value,
-        )
+        now, frame = self._request, self._frame
+        seen = self._stage.pick(now.camera, now.width, now.height, x, y)
+        return seen if frame is None else replace(seen, value=frame.value(x, y))
 
     # --- The thread ------------------------------------------------------------------------------
 
@@ -674,14 +496,14 @@ class Session:
         if drawing.failed:
             return False
         return (
-            drawing.scale < 1.0
+            not drawing.whole
             or drawing.done == 0
             or (not (self._paused or self._resting) and drawing.done < self._spp)
         )
 
     def _fail(self, error: ParhelionError) -> None:
         request = self._request
-        self._drawing = _Drawing(request, 1.0, failed=True)
+        self._drawing = Drawing(request, 1.0, failed=True)
         self._failure = error
         self._tell("state")
 
@@ -690,11 +512,11 @@ class Session:
         request = self._request
         drawing = self._drawing
         if drawing is None or drawing.request is not request:
-            drawing = self._drawing = _Drawing(request, self._first_scale(request))
+            drawing = self._drawing = draw(request, self._rate * FIRST_SECONDS)
         began = time.perf_counter()
         if drawing.film is None:
-            self._begin(drawing)
-        if self._client is not None and drawing.scale == 1.0 and drawing.done > 0:
+            drawing.begin(self._stage)
+        if self._client is not None and drawing.whole and drawing.done > 0:
             self._step_elsewhere(drawing)
             return
         first, whole = drawing.first, drawing.done > 0
@@ -708,39 +530,24 @@ class Session:
             return not first and (other or (whole and (self._paused or self._resting)))
 
         last = min(drawing.done + drawing.size, max(self._spp, 1))
-        samples, rays, complete = _add_samples(
-            drawing.film, self._core, drawing.view, last, self._threads, tick
-        )
-        seconds = time.perf_counter() - began
-        memory.note_threads(self._threads)
+        seconds, samples, complete = drawing.add(self._stage, last, self._threads, tick, began)
         if first:
             measured = max(samples, 1) / seconds
             # slower is believed at once, faster by and by
             self._rate = min(measured, math.sqrt(measured * self._rate))
             if self._rate == UNKNOWN_RATE or self._frame is None:
                 self._rate = measured
-        drawing.seconds += seconds
-        drawing.samples += samples
-        drawing.rays += rays
         if not complete:
             if first:  # too much for the time: coarser
                 self._drawing = None
             elif whole and self._request is request and not self._closing:
                 self._publish(drawing)  # some of it has more samples
             return
-        drawing.first = False
-        drawing.done = last
         self._publish(drawing)
-        if drawing.scale < 1.0:
-            scale = 2.0 * drawing.scale
-            fresh = _Drawing(request, 1.0 if scale > 0.7 else scale, first=False)
-            self._drawing = fresh
-        else:
-            wanted = min(max(0.25 * drawing.seconds, SHORTEST_PASS), LONGEST_PASS)
-            size = int(drawing.size * wanted / max(seconds, 1e-6))
-            drawing.size = max(1, min(4 * drawing.size, size))
+        if not drawing.whole:
+            self._drawing = drawing.finer()
 
-    def _step_elsewhere(self, drawing: _Drawing) -> None:
+    def _step_elsewhere(self, drawing: Drawing) -> None:
         """All that is left of a picture, by the cluster, told as it comes."""
         from ..cluster.sampler import Workers
 
@@ -770,7 +577,13 @@ class Session:
             if drawing.workers is None:
                 assert drawing.settings is not None
                 drawing.workers = Workers(
-                    *(self._client, self._flat, request.camera, drawing.settings, drawing.film),
+                    *(
+                        self._client,
+                        self._stage.flat,
+                        request.camera,
+                        drawing.settings,
+                        drawing.film,
+                    ),
                     tree=True,
                     features=request.features,
                     errors=True,
@@ -791,67 +604,12 @@ class Session:
         if complete or self._request is request:
             tell(samples, rays)
 
-    def _first_scale(self, request: _Request) -> float:
-        w, h = (request.crop or (0.0, 0.0, 1.0, 1.0))[2:]
-        pixels = max(request.width * w * request.height * h, 1.0)
-        scale = math.sqrt(self._rate * FIRST_SECONDS / pixels)
-        # a little coarser than all is not worth a picture of its own
-        return 1.0 if scale > 0.7 else max(scale, 8.0 / math.sqrt(pixels))
-
-    def _begin(self, drawing: _Drawing) -> None:
-        from .. import _core
-
-        request = drawing.request
-        width = max(1, round(request.width * drawing.scale))
-        height = max(1, round(request.height * drawing.scale))
-        x, y, w, h = _rectangle(request.crop or (0.0, 0.0, 1.0, 1.0), width, height)
-        crop = None if request.crop is None else (x, y, w, h)
-        drawing.settings = merged(self._settings, {"width": width, "height": height, "crop": crop})
-        drawing.place = x, y, w, h
-        drawing.view = self._view(request.camera, drawing.settings)
-        if drawing.scale == 1.0:
-            _require(w, h, request.features)
-        drawing.film = _core.Film(x, y, w, h, request.features, drawing.scale == 1.0)
-
-    def _publish(self, drawing: _Drawing) -> None:
-        request = drawing.request
-        pixels, counts, _bad = drawing.film.arrays()
-        features: dict[str, Any] = {}
-        if request.features:
-            features = surface_features(drawing.film, self._core.stats()["scale"], pixels)
-        error, of_blocks = None, None
-        if drawing.scale == 1.0 and drawing.done > 1:
-            of_blocks = block_errors(drawing.film)
-            error = picture_error(drawing.film)
+    def _publish(self, drawing: Drawing) -> None:
         self._number += 1
-        assert drawing.settings is not None
-        frame = Frame(
-            number=self._number,
-            revision=request.revision,
-            pixels=pixels,
-            counts=counts,
-            features=features,
-            x=drawing.place[0],
-            y=drawing.place[1],
-            width=drawing.settings.width,
-            height=drawing.settings.height,
-            scale=drawing.scale,
-            spp=drawing.done,
-            seconds=drawing.seconds,
-            latency=time.perf_counter() - request.asked,
-            samples=drawing.samples,
-            rays=drawing.rays,
-            camera=request.camera,
-            settings=drawing.settings,
-            flat=self._flat,
-            hidden={i: self._flat.object_names[i] for i in sorted(self._hidden)},
-            build_seconds=self._prepared.seconds,
-            error=error if error is not None and math.isfinite(error) else None,
-            block_errors=of_blocks,
-        )
+        frame = drawing.frame(self._number, self._stage)
         with self._condition:
             self._frame = frame
-            if drawing.scale == 1.0:
+            if drawing.whole:
                 self._full = frame
             self._condition.notify_all()
         if self._failure is not None:
@@ -859,7 +617,7 @@ class Session:
             self._tell("state")
         self._tell("frame")
 
-    # --- What is rendered ------------------------------------------------------------------------
+    # --- What is asked for ------------------------------------------------------------------------
 
     def _ask(self, **changes: Any) -> int:
         with self._condition:
@@ -899,12 +657,6 @@ class Session:
             self._condition.notify_all()
         return future
 
-    def _apply(self, change: Callable[[], None]) -> None:
-        """Changes what is rendered, while nobody else looks into it."""
-        with self._scene_lock:
-            change()
-            self._flat = self._parameters.flat(self._visible)
-
     def _work_off(self) -> None:
         for _ in range(len(self._jobs)):  # not those that come meanwhile: a picture is due
             run, future = self._jobs.popleft()
@@ -919,79 +671,12 @@ class Session:
             else:
                 future.set_result(None)
 
-    def _take(self, prepared: Prepared) -> None:
-        """Makes a scene the one that is looked at."""
-        first = not hasattr(self, "_prepared")
-        settings = merged(prepared.scene.settings, self._changes)
-        self._prepared = prepared
-        self._homes: dict[float, Camera] = {}
-        self._placing = 0.0
-        self._core = prepared.core
-        self._parameters = Parameters(prepared)
-        self._flat = self._visible = prepared.flat  # the second as it was given
-        self._hidden: set[int] = set()
-        self._settings = replace(settings, crop=None)
-        self._framed = not isinstance(self._seen(prepared.scene).camera, Camera)
-        self._extent = _extent(prepared)
-        self._error = None
-        if not first and not self._moved:
-            now = self._request
-            self._request = replace(now, camera=self._home(now.width, now.height))
-
-    def _seen(self, scene: Scene) -> Scene:
-        return scene if self._camera is None else scene.replace(camera=self._camera)
-
-    def _home(self, width: int, height: int) -> Camera:
-        """The camera that nobody has moved, for a picture of these proportions."""
-        scene, aspect = self._prepared.scene, width / height
-        known = self._homes.get(aspect)
-        if known is None:
-            began = time.perf_counter()
-            known = plain_camera(placed(self._seen(scene), aspect))
-            self._placing = time.perf_counter() - began
-            if len(self._homes) < MOST_HOMES and scene is self._prepared.scene:
-                self._homes[aspect] = known
-        return known
-
     def _place(self, width: int, height: int) -> None:
         """Brings the camera to other proportions, in a thread of its own."""
-        camera = self._home(width, height)
+        camera = self._stage.home(width, height)
         now = self._request
         if not self._moved and (now.width, now.height) == (width, height):
             self._ask(camera=camera)
-
-    def _hide(self, hidden: set[int], number: int) -> None:
-        self._check_objects(hidden)  # of another scene by now, perhaps
-        # a tree of 1e7 spheres takes seconds, and is not made for what the next one ends
-        if hidden == self._hidden or number < self._hides:
-            return
-        core, flat = self._prepared.core, self._prepared.flat
-        if hidden:
-            flat = flat.without(hidden)
-            core = build(flat, "while it is made, the tree of all objects is there too")
-
-        def swap() -> None:
-            changes = self._parameters.changes()
-            self._parameters.restore()
-            self._core, self._visible, self._hidden = core, flat, hidden
-            self._parameters = Parameters(replace(self._prepared, core=core))
-            for change in changes:
-                self._parameters.change(*change)
-
-        self._apply(swap)
-
-    def _check_objects(self, objects: Collection[int]) -> None:
-        count = len(self._prepared.flat.object_names)
-        for i in objects:
-            if not 0 <= i < count:
-                raise SceneError(f"objects[{i}]: there are {count}")
-
-    def _view(self, camera: Camera, settings: Settings) -> Any:
-        """The core's view; see make_view(). Raises ResourceError of a session that is closed."""
-        with self._scene_lock:
-            if self._core is None:
-                raise ResourceError("the session is closed")
-            return make_view(self._core, camera, settings)
 
     def _check_memory(self, width: int, height: int, features: bool) -> None:
         """Raises ResourceError for a size that memory is too small for. What is under way now, and
@@ -1001,36 +686,11 @@ class Session:
         film = drawing.film if drawing is not None else None
         room = 0 if film is None else sum(part.nbytes for part in film.memory())
         with self.limited():
-            _require(width, height, features, room)
-
-    def _value(self, x: float, y: float) -> Vec3 | None:
-        frame = self._frame
-        if frame is None:
-            return None
-        column, row = int(x * frame.width) - frame.x, int(y * frame.height) - frame.y
-        height, width = frame.pixels.shape[:2]
-        if not (0 <= column < width and 0 <= row < height):
-            return None
-        return _triple(frame.pixels[row, column])
+            require(width, height, features, room)
 
     def _tell(self, event: Event) -> None:
         for listener in tuple(self._listeners):
             listener(event)
-
-
-def _add_samples(
-    film: Any, core: Any, view: Any, spp: int, threads: int, tick: Any
-) -> tuple[int, int, bool]:
-    """Brings all pixels to so many samples. Samples, rays, and whether it was not stopped."""
-    samples, rays, complete = film.render(
-        core, view, spp, threads=threads, tile=16, schedule="dynamic", isa="", tick=tick
-    )
-    return samples, rays, complete
-
-
-def _extent(prepared: Prepared) -> float:
-    """About how large the scene is, in its units, for sliders of lengths."""
-    return float(1.0 / prepared.core.stats()["scale"])
 
 
 def _check_size(width: int, height: int) -> None:
@@ -1041,25 +701,6 @@ def _check_size(width: int, height: int) -> None:
 
 def _wants_features(layer: str, denoise: bool) -> bool:
     return needs_features(layer) or denoise
-
-
-def _rectangle(part: Rectangle, width: int, height: int) -> tuple[int, int, int, int]:
-    """x, y, width, height in pixels of a part of a picture: all that it touches, at least one."""
-    left, top, w, h = part
-    x, y = min(int(left * width), width - 1), min(int(top * height), height - 1)
-    right = min(max(math.ceil((left + w) * width - 1e-6), x + 1), width)
-    bottom = min(max(math.ceil((top + h) * height - 1e-6), y + 1), height)
-    return x, y, right - x, bottom - y
-
-
-def _require(width: int, height: int, features: bool, room: int = 0) -> None:
-    """Raises ResourceError for a picture that is too large for memory of which so much is free and
-    `room` bytes more.
-    """
-    each = PIXEL_BYTES + ERROR_BYTES + SHOWN_BYTES
-    each += (FEATURE_BYTES + SHOWN_FEATURE_BYTES) * features
-    what = f"looking at {width}x{height} pixels"
-    memory.require(width * height * each - room, what, "a smaller window takes less")
 
 
 def resident() -> int | None:
@@ -1084,11 +725,6 @@ def _share(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 1:
         raise SceneError(f"{value!r} is no share of the picture; must lie in [0, 1]")
     return float(value)
-
-
-def _triple(values: Any) -> Vec3:
-    x, y, z = (float(v) for v in values)
-    return x, y, z
 
 
 def _now() -> float:

@@ -1,0 +1,230 @@
+"""A picture that is under way, and what is shown of it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import memory
+from ..flatten import Flat
+from ..progressive import block_errors, picture_error
+from ..renderer import ERROR_BYTES, FEATURE_BYTES, PIXEL_BYTES, merged, surface_features
+from ..scene import Camera, Settings, Vec3
+from .stage import Stage, add_samples, triple
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+# Seconds that a pass may take: in the beginning, and later, when pictures change less.
+SHORTEST_PASS, LONGEST_PASS = 0.15, 1.5
+# A picture that would be larger than this share of the one asked for is not worth being made first.
+ALMOST_WHOLE = 0.7
+# Bytes a pixel beside what render() takes, measured with some room: pictures that are kept until
+# the next one is there, colours and their packing; and of features.
+SHOWN_BYTES, SHOWN_FEATURE_BYTES = 80, 160
+
+Rectangle = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be rendered; revision counts them.
+
+    crop: x, y, width, height as shares of the picture. asked: when, by the clock of perf_counter.
+    """
+
+    revision: int
+    camera: Camera
+    width: int
+    height: int
+    crop: Rectangle | None
+    features: bool
+    asked: float
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A picture as far as it has come.
+
+    number: counts frames. revision: of the request that it answers. pixels: (H, W, 3) linear light
+    of the part x, y, W, H of a picture of width x height pixels. scale: 1 for the size that was
+    asked for, below for a coarse one. spp: samples in each pixel, some may have more. seconds: of
+    rendering it. latency: from the request to this picture. error: as RenderStats.error, and
+    block_errors of blocks of 8x8 pixels; None for coarse ones and where samples are too few. flat:
+    what is seen, in which the objects that are hidden, names by indices, are made of nothing.
+    """
+
+    number: int
+    revision: int
+    pixels: NDArray[np.float32]
+    counts: NDArray[np.uint32]
+    features: Mapping[str, NDArray[Any]]
+    x: int
+    y: int
+    width: int
+    height: int
+    scale: float
+    spp: int
+    seconds: float
+    latency: float
+    samples: int
+    rays: int
+    camera: Camera
+    settings: Settings
+    flat: Flat
+    hidden: Mapping[int, str]
+    build_seconds: float
+    error: float | None
+    block_errors: NDArray[np.float64] | None
+
+    @property
+    def rate(self) -> float:
+        """Samples a second."""
+        return self.samples / max(self.seconds, 1e-9)
+
+    def value(self, x: float, y: float) -> Vec3 | None:
+        """Linear RGB at a place, in shares of the whole picture; None beside this part of it."""
+        column, row = int(x * self.width) - self.x, int(y * self.height) - self.y
+        height, width = self.pixels.shape[:2]
+        if not (0 <= column < width and 0 <= row < height):
+            return None
+        return triple(self.pixels[row, column])
+
+
+@dataclass
+class Drawing:
+    """A request's picture under way, made by draw(). failed: it cannot be made; the old one stays.
+
+    scale: of its size; 1 for the size that was asked for. first: of this request. done: samples
+    that each pixel has. size: samples a pixel of the next pass. workers: of a cluster that goes on
+    with it.
+    """
+
+    request: Request
+    scale: float
+    first: bool = True
+    failed: bool = False
+    film: Any = None
+    view: Any = None
+    settings: Settings | None = None
+    place: tuple[int, int, int, int] = (0, 0, 0, 0)
+    done: int = 0
+    size: int = 1
+    seconds: float = 0.0
+    samples: int = 0
+    rays: int = 0
+    workers: Any = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether it has the size that was asked for."""
+        return self.scale == 1.0
+
+    def begin(self, stage: Stage) -> None:
+        """Makes the film. Raises SceneError, and ResourceError if memory is too small."""
+        from .. import _core
+
+        request = self.request
+        width = max(1, round(request.width * self.scale))
+        height = max(1, round(request.height * self.scale))
+        x, y, w, h = rectangle(request.crop or (0.0, 0.0, 1.0, 1.0), width, height)
+        crop = None if request.crop is None else (x, y, w, h)
+        self.settings = merged(stage.settings, {"width": width, "height": height, "crop": crop})
+        self.place = x, y, w, h
+        self.view = stage.view(request.camera, self.settings)
+        if self.whole:
+            require(w, h, request.features)
+        self.film = _core.Film(x, y, w, h, request.features, self.whole)
+
+    def add(
+        self, stage: Stage, spp: int, threads: int, tick: Any, began: float
+    ) -> tuple[float, int, bool]:
+        """Brings all pixels to so many samples; tick: see Film.render.
+
+        Returns the seconds since it began, its samples, and whether it was not stopped.
+        """
+        samples, rays, complete = add_samples(self.film, stage.core, self.view, spp, threads, tick)
+        seconds = time.perf_counter() - began
+        memory.note_threads(threads)
+        self.seconds += seconds
+        self.samples += samples
+        self.rays += rays
+        if complete:
+            self.first, self.done = False, spp
+            wanted = min(max(0.25 * self.seconds, SHORTEST_PASS), LONGEST_PASS)
+            self.size = max(1, min(4 * self.size, int(self.size * wanted / max(seconds, 1e-6))))
+        return seconds, samples, complete
+
+    def finer(self) -> Drawing:
+        """The picture that follows on a coarse one."""
+        scale = 2.0 * self.scale
+        return Drawing(self.request, 1.0 if scale > ALMOST_WHOLE else scale, first=False)
+
+    def frame(self, number: int, stage: Stage) -> Frame:
+        """The picture as far as it has come."""
+        request = self.request
+        pixels, counts, _bad = self.film.arrays()
+        features: dict[str, Any] = {}
+        if request.features:
+            features = surface_features(self.film, stage.core.stats()["scale"], pixels)
+        error, of_blocks = None, None
+        if self.whole and self.done > 1:
+            of_blocks = block_errors(self.film)
+            error = picture_error(self.film)
+        assert self.settings is not None
+        return Frame(
+            number=number,
+            revision=request.revision,
+            pixels=pixels,
+            counts=counts,
+            features=features,
+            x=self.place[0],
+            y=self.place[1],
+            width=self.settings.width,
+            height=self.settings.height,
+            scale=self.scale,
+            spp=self.done,
+            seconds=self.seconds,
+            latency=time.perf_counter() - request.asked,
+            samples=self.samples,
+            rays=self.rays,
+            camera=request.camera,
+            settings=self.settings,
+            flat=stage.flat,
+            hidden=stage.hidden,
+            build_seconds=stage.prepared.seconds,
+            error=error if error is not None and math.isfinite(error) else None,
+            block_errors=of_blocks,
+        )
+
+
+def draw(request: Request, most: float) -> Drawing:
+    """A request's first picture, as large as one of so many samples, one a pixel, may be."""
+    w, h = (request.crop or (0.0, 0.0, 1.0, 1.0))[2:]
+    pixels = max(request.width * w * request.height * h, 1.0)
+    scale = math.sqrt(most / pixels)
+    return Drawing(request, 1.0 if scale > ALMOST_WHOLE else max(scale, 8.0 / math.sqrt(pixels)))
+
+
+def rectangle(part: Rectangle, width: int, height: int) -> tuple[int, int, int, int]:
+    """x, y, width, height in pixels of a part of a picture: all that it touches, at least one."""
+    left, top, w, h = part
+    x, y = min(int(left * width), width - 1), min(int(top * height), height - 1)
+    right = min(max(math.ceil((left + w) * width - 1e-6), x + 1), width)
+    bottom = min(max(math.ceil((top + h) * height - 1e-6), y + 1), height)
+    return x, y, right - x, bottom - y
+
+
+def require(width: int, height: int, features: bool, room: int = 0) -> None:
+    """Raises ResourceError for a picture that is too large for memory of which so much is free and
+    `room` bytes more.
+    """
+    each = PIXEL_BYTES + ERROR_BYTES + SHOWN_BYTES
+    each += (FEATURE_BYTES + SHOWN_FEATURE_BYTES) * features
+    what = f"looking at {width}x{height} pixels"
+    memory.require(width * height * each - room, what, "a smaller window takes less")
