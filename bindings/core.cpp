@@ -868,6 +868,8 @@ NB_MODULE(_core, m) {
       .def_ro("y", &Film::y)
       .def_ro("width", &Film::width)
       .def_ro("height", &Film::height)
+      .def_prop_ro("has_features", [](const Film& film) { return !film.features.empty(); })
+      .def_prop_ro("has_errors", [](const Film& film) { return !film.prefixes.empty(); })
       .def("errors", &film_errors)
       .def("variances", &film_variances)
       .def("memory", &film_memory)

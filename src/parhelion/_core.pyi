@@ -29,6 +29,8 @@ class Film:
     y: int
     width: int
     height: int
+    has_features: bool
+    has_errors: bool
     def __init__(
         self,
         x: int,

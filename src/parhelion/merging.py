@@ -95,8 +95,7 @@ def merge(
         memory.require(width * height * pixel_bytes, f"a picture of {width}x{height}", "")
     try:
         film = _film(ours, features)
-        names = first.names if features else None
-        pixels, counts, bad, seen = developed(film, names, first.scale, True)
+        pixels, counts, bad, seen = developed(film, first.names, first.scale)
         error = picture_error(film)
     except MemoryError as problem:
         raise ResourceError(f"not enough memory for a picture of {width}x{height}") from problem

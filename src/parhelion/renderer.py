@@ -234,56 +234,58 @@ def render(
                 ended = _checkpointed(
                     rendering, report, checkpoint, interval, resume, made_of, told
                 )
-        stats = RenderStats(
-            seconds=rendering.spent.seconds,
-            samples=rendering.spent.samples,
-            rays=rendering.spent.rays,
-            threads=sampler.threads,
-            isa=sampler.isa,
-            ended=ended,
-            error=known if errors and np.isfinite(known := picture_error(film)) else None,
-            build_seconds=prepared.seconds,
-        )
-        names = prepared.flat if features else None
-        pixels, counts, bad, seen_features = developed(
-            film, names, prepared.core.stats()["scale"], errors
-        )
+        image, bad = _image(prepared, wanted, view_camera, rendering, sampler, ended)
     except MemoryError as error:
         raise ResourceError(f"not enough memory for a picture of {width}x{height}") from error
-    most = int(counts.max())
+    most = int(image.counts.max())
     if most > wanted.spp and wanted_counts is None:
         log.warning("the checkpoint has up to %d spp already, more than %d", most, wanted.spp)
-        wanted = replace(wanted, spp=most)
-    missing = int((counts == 0).sum())
+        image = replace(image, settings=replace(wanted, spp=most))
+    missing = int((image.counts == 0).sum())
     if missing and wanted_counts is None and shard is None:
         log.warning("%d pixels have no sample yet, and are black", missing)
     if bad.any():
-        _report_bad(prepared, view, wanted, counts, bad)
-    return Image(
-        pixels,
-        counts,
-        stats,
-        wanted,
-        view_camera,
-        prepared.flat,
-        seen_features,
-        prepared.scene.legend,
-        prepared.scene.source,
+        _report_bad(prepared, view, image, bad)
+    return image
+
+
+def _image(
+    prepared: Prepared,
+    settings: Settings,
+    camera: Camera,
+    rendering: Rendering,
+    sampler: Sampler,
+    ended: str,
+) -> tuple[Image, NDArray[np.uint32]]:
+    """What a rendering has come to, and how many samples of each pixel were not finite."""
+    film, scene, flat = rendering.film, prepared.scene, prepared.flat
+    error = picture_error(film) if film.has_errors else None
+    stats = RenderStats(
+        seconds=rendering.spent.seconds,
+        samples=rendering.spent.samples,
+        rays=rendering.spent.rays,
+        threads=sampler.threads,
+        isa=sampler.isa,
+        ended=ended,
+        error=error if error is not None and np.isfinite(error) else None,
+        build_seconds=prepared.seconds,
     )
+    pixels, counts, bad, seen = developed(film, flat, prepared.core.stats()["scale"])
+    image = Image(pixels, counts, stats, settings, camera, flat, seen, scene.legend, scene.source)
+    return image, bad
 
 
 def developed(
-    film: Any, names: KnownScene | None, scale: float, errors: bool
+    film: Any, names: KnownScene, scale: float
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.uint32], dict[str, Any]]:
     """What a film has seen: Image.pixels, Image.counts, how many samples of each pixel were not
     finite, Image.features.
 
-    names: of the scene, if the film has features. scale: of the core's lengths over the scene's.
-    errors: whether the film tells them.
+    names: of the scene. scale: of the core's lengths over the scene's.
     """
     pixels, counts, bad = film.arrays()
-    seen = {} if names is None else _features(film, names, scale, pixels)
-    if errors:
+    seen = _features(film, names, scale, pixels) if film.has_features else {}
+    if film.has_errors:
         seen |= _noise(film, counts)
     return pixels, counts, bad, seen
 
@@ -550,17 +552,17 @@ def _noise(film: Any, counts: NDArray[np.uint32]) -> dict[str, Any]:
     }
 
 
-def _report_bad(prepared: Prepared, view: Any, settings: Settings, counts: Any, bad: Any) -> None:
+def _report_bad(prepared: Prepared, view: Any, image: Image, bad: NDArray[np.uint32]) -> None:
     """Says where samples were not finite, and finds the first one again."""
     from . import _core
 
     row, column = (int(v[0]) for v in np.nonzero(bad))
-    x0, y0 = (settings.crop or (0, 0, 0, 0))[:2]
+    x0, y0 = (image.settings.crop or (0, 0, 0, 0))[:2]
     x, y = x0 + column, y0 + row
     sample = next(
         (
             s
-            for s in range(int(counts[row, column]))
+            for s in range(int(image.counts[row, column]))
             if not np.all(np.isfinite(_core.one_sample(prepared.core, view, x, y, s)))
         ),
         None,
@@ -576,7 +578,7 @@ def _report_bad(prepared: Prepared, view: Any, settings: Settings, counts: Any, 
         x,
         y,
         "" if sample is None else sample,
-        settings.seed,
+        image.settings.seed,
     )
 
 
