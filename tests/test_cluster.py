@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -299,6 +300,28 @@ def test_the_scene_goes_to_each_worker_once(scene: Any, monkeypatch: pytest.Monk
         made = during(client, scene, lambda _: client.run(let_go), 1, **SIZE)
         same(made, ph.render(scene, **SIZE))
         assert 3 <= len(sent) <= 4  # both get it again, unless one had nothing to do any more
+
+
+@pytest.mark.parametrize("reached", [True, False])
+def test_data_goes_past_the_scheduler_where_it_can(
+    scene: Any, monkeypatch: pytest.MonkeyPatch, reached: bool
+) -> None:
+    if not reached:
+        monkeypatch.setattr(places, "reaches", lambda _address: False)
+        monkeypatch.setattr(roster, "reaches", lambda _address: False)
+    asked: Counter[str] = Counter()
+    with places._processes(distributed, "local:1", 1) as cluster:
+        handlers = cluster.scheduler.handlers
+        for name in ("scatter", "gather"):
+
+            def noted(*words: Any, name: str = name, do: Any = handlers[name], **more: Any) -> Any:
+                asked[name] += 1
+                return do(*words, **more)
+
+            monkeypatch.setitem(handlers, name, noted)
+        made = ph.render(scene, cluster=cluster.scheduler_address, threads=1, **SIZE)
+    same(made, ph.render(scene, **SIZE))
+    assert asked.keys() == (set() if reached else {"scatter", "gather"})
 
 
 def test_workers_that_see_the_file_read_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

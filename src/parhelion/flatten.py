@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,10 @@ class Flat:
 
     def sha256(self) -> str:
         """Hash of everything that is seen: geometry, materials and lights, not the camera."""
+        return self._sha256
+
+    @cached_property
+    def _sha256(self) -> str:
         h = hashlib.sha256(b"parhelion scene 2")
 
         def add(value: Any) -> None:

@@ -7,6 +7,7 @@ import itertools
 import logging
 import shutil
 import signal
+import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from ipaddress import ip_address
@@ -23,6 +24,8 @@ _NAMES = "local:N, slurm:FILE, or a scheduler's address such as tcp://HOST:8786"
 _MOST = 4096
 # Seconds that a scheduler has to answer
 _ANSWER = 10
+# Seconds that a worker has to be reached without its scheduler
+_REACH = 2.0
 # Before Python 3.11 asyncio's is another
 TIMEOUTS = (TimeoutError, asyncio.TimeoutError)
 
@@ -66,10 +69,12 @@ def opened(cluster: Any, threads: int) -> Iterator[tuple[Any, int]]:
             client = stack.enter_context(distributed.Client(jobs))
             _warn(client)
             _wait_for_one(client, jobs)
+            _go_direct(client)
             yield client, threads
         else:
             client = stack.enter_context(_connected(distributed, cluster))
             _warn(client)
+            _go_direct(client)
             yield client, threads
 
 
@@ -191,6 +196,23 @@ def _connected(distributed: Any, cluster: str) -> Any:
             f"{option('cluster')} is {cluster!r}, and Dask has no certificates for TLS"
             " (docs/cluster.md)"
         ) from error
+
+
+def _go_direct(client: Any) -> None:
+    """Has what is seen come straight from the workers, if they can be reached from here."""
+    workers = list(client.scheduler_info(n_workers=-1)["workers"])
+    if workers and client.direct_to_workers is None:
+        client.direct_to_workers = reaches(workers[0]) or None
+
+
+def reaches(address: str) -> bool:
+    """Whether a worker takes connections of this machine: it may be behind its scheduler alone."""
+    place = urlsplit(address)
+    try:
+        with socket.create_connection((place.hostname or "", place.port or 0), _REACH):
+            return True
+    except (OSError, ValueError):  # a port that is none
+        return False
 
 
 def _warn(client: Any) -> None:

@@ -18,7 +18,7 @@ from threading import Thread
 from typing import Any
 
 from ..errors import ResourceError, SceneError
-from .places import TIMEOUTS, is_here
+from .places import TIMEOUTS, is_here, reaches
 from .scenes import packed
 from .worker import Absent, Picture, WrongBuild, greet, keep, read
 
@@ -208,7 +208,8 @@ class Roster:
         name = f"{self._picture.name}-scene-{next(self._numbers)}"
         named = {f"{name}-{i}": part for i, part in enumerate([skeleton, *bundles])}
         try:
-            sent = self._client.scatter(named, workers=[address], hash=False)
+            straight = reaches(address) or None  # not through the scheduler's memory
+            sent = self._client.scatter(named, workers=[address], hash=False, direct=straight)
             sending.set_result(list(sent.values()))
         except BaseException as error:
             sending.set_exception(error)
