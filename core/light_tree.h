@@ -142,19 +142,19 @@ inline void light_weights(const LightNode& node, const LitPoints& at, float (&we
   const Lanes nx = load(at.normal_x), ny = load(at.normal_y), nz = load(at.normal_z);
   const Lanes zero = all(0.0f);
   const LaneMask sided = zero < nx * nx + ny * ny + nz * nz;
+  for (float (&row)[16] : weight) store(row, zero);
   for (u32 k = 0; k < 16; ++k) {
-    float column[16] = {};
-    if (node.power[k] > 0.0f) {
-      const LightPairs p = {all(node.x[k]) - load(at.x), all(node.y[k]) - load(at.y),
-                            all(node.z[k]) - load(at.z), all(node.radius[k]),
-                            all(node.axis_x[k]),         all(node.axis_y[k]),
-                            all(node.axis_z[k]),         all(node.cos_o[k]),
-                            all(node.cos_e[k]),          all(node.power[k])};
-      Lanes inverse;
-      LaneAngle half;
-      const Lanes value = light_leaving(p, inverse, half);
-      store(column, select(sided, light_arriving(p, value, inverse, half, nx, ny, nz), value));
-    }
+    if (!(node.power[k] > 0.0f)) continue;
+    const LightPairs p = {all(node.x[k]) - load(at.x), all(node.y[k]) - load(at.y),
+                          all(node.z[k]) - load(at.z), all(node.radius[k]),
+                          all(node.axis_x[k]),         all(node.axis_y[k]),
+                          all(node.axis_z[k]),         all(node.cos_o[k]),
+                          all(node.cos_e[k]),          all(node.power[k])};
+    Lanes inverse;
+    LaneAngle half;
+    const Lanes value = light_leaving(p, inverse, half);
+    float column[16];
+    store(column, select(sided, light_arriving(p, value, inverse, half, nx, ny, nz), value));
     for (u32 i = 0; i < 16; ++i) weight[i][k] = column[i];
   }
 }
