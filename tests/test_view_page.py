@@ -227,6 +227,44 @@ def test_sliders_and_lists_act(page: Any, session: Session) -> None:
     assert not session.outline()["objects"][0]["visible"]
 
 
+def test_fields_and_keys_that_are_left_half_done(page: Any, session: Session) -> None:
+    is_finished(page, session)
+    # hidden one after the other, before the page has heard of the first
+    page.evaluate(
+        """() => document.querySelectorAll('.ph-eye')
+          .forEach((eye, i) => i % 2 === 0 && eye.click())"""
+    )
+    wait_for(
+        lambda: [o["visible"] for o in session.outline()["objects"]] == [False, True, False, True],
+        "both are hidden",
+    )
+    is_finished(page, session)
+    before = session.camera.vfov
+    page.locator("summary", has_text="Camera").click()
+    field = page.get_by_label("Field of view, number")
+    shown = field.input_value()
+    field.fill("")
+    field.press("Tab")
+    assert field.input_value() == shown
+    number = page.get_by_label("Opacity, number")
+    number.fill("7")
+    number.press("Tab")
+    page.locator(".ph-toast").get_by_text("must lie in [0, 1]").wait_for()
+    wait_for(lambda: page.get_by_label("Opacity, number").input_value() == "1", "what it still is")
+    slider = page.get_by_label("Exposure", exact=True)
+    slider.focus()
+    page.keyboard.press("Space")
+    wait_for(lambda: session.state()["paused"], "a pause")
+    page.keyboard.press("ArrowRight")
+    wait_for(lambda: session.state()["exposure"] > 0, "the slider")
+    page.keyboard.press("?")
+    page.get_by_role("dialog").wait_for()
+    page.keyboard.press("Escape")
+    page.keyboard.press("L")  # as with Caps Lock: without Shift
+    wait_for(lambda: session.state()["layer"] == "direct", "the next layer")
+    assert session.camera.vfov == before
+
+
 def test_what_is_under_the_pointer(page: Any, session: Session) -> None:
     is_finished(page, session)
     x, y = middle(page)

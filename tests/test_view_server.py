@@ -128,7 +128,7 @@ def test_several_clients_see_the_same(server: Server) -> None:
         assert server.clients == 2
         one.send("show", exposure=2.0, layer="normal")
         other.until("state", exposure=2.0, layer="normal")
-        other.send("hide", objects=[0])
+        other.send("hide", object=0, visible=False)
         seen = one.until("scene")
         assert [o["visible"] for o in seen["objects"]] == [False, True, True, True]
         assert [m["name"] for m in seen["materials"].values()] == [
@@ -310,7 +310,7 @@ def test_a_client_that_reads_nothing_at_all_holds_up_nobody(server: Server) -> N
         ('{"type": "change", "kind": "materials", "index": 0, "name": "x", "value": 1}', "'x'"),
         ('{"type": "change", "kind": "materials", "index": -1, "name": "color", "value": 1}', "-1"),
         ('{"type": "save", "format": "exe"}', "Invalid enum value 'exe'"),
-        ('{"type": "hide", "objects": [99]}', r"objects[99]"),
+        ('{"type": "hide", "object": 99, "visible": false}', r"objects[99]"),
     ],
 )
 def test_messages_without_meaning_are_refused_logged_and_harmless(
@@ -466,7 +466,7 @@ def test_ctrl_c_while_a_file_is_read_again(tmp_path: Path) -> None:
     ("words", "message"),
     [
         (["no.xyz"], "no.xyz: no such file"),
-        (["--port", "70000"], "port 70000: cannot listen there"),
+        (["--port", "70000"], "port is 70000; must lie in [0, 65535]"),
         (["--spp", "0"], "--spp is 0"),
         (["--sampler", "x"], "unknown sampler 'x'"),
         (["--memory-limit", "much"], "--memory-limit is 'much'; must be a number of bytes"),

@@ -14,7 +14,8 @@ import pytest
 
 import parhelion as ph
 from parhelion import memory, renderer
-from parhelion.view import stage
+from parhelion.view import drawing, stage
+from parhelion.view import session as views
 from parhelion.view.drawing import Frame
 from parhelion.view.layers import LAYERS
 from parhelion.view.session import Session, resident
@@ -279,6 +280,104 @@ def test_hidden_objects_are_not_there_and_changes_stay(session: Session) -> None
     assert np.array_equal(settled(session).pixels, ph.render(green, spp=4).pixels)
     with pytest.raises(ph.SceneError, match=r"objects\[7\]: there are 4"):
         session.hide([7]).result(10)
+
+
+def test_objects_hidden_one_after_the_other_stay_hidden(session: Session) -> None:
+    """Also where the tree of the first is still to be built."""
+    asked = [session.show_object(0, False), session.show_object(2, False)]
+    asked.append(session.show_object(0, True))
+    for future in asked:
+        future.result(10)
+    assert [o["visible"] for o in session.outline()["objects"]] == [True, True, False, True]
+
+
+def test_what_is_asked_for_while_a_scene_is_replaced_stays(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settled(session)
+    begun, go = threading.Event(), threading.Event()
+    home = stage.Stage.home
+
+    def slow(self: Any, width: int, height: int) -> ph.Camera:
+        found = home(self, width, height)
+        begun.set()
+        go.wait(10)
+        return found
+
+    monkeypatch.setattr(stage.Stage, "home", slow)
+    done = session.replace(changed(floor=WHITE))
+    assert begun.wait(10)
+    camera = replace(session.camera, eye=(0.0, 1.0, 5.0))
+    session.look(camera)
+    session.crop((0.0, 0.0, 0.5, 0.5))
+    go.set()
+    done.result(10)
+    assert session.camera.eye == (0.0, 1.0, 5.0)
+    assert session.state()["crop"] == (0.0, 0.0, 0.5, 0.5)
+
+
+def test_a_picture_that_cannot_be_made_says_nothing_of_the_next(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settled(session)
+    begun, go = threading.Event(), threading.Event()
+    begin = drawing.Drawing.begin
+
+    def failing(self: Any, on: Any) -> None:
+        if self.request.camera.eye == (0.0, 1.0, 9.0):
+            begun.set()
+            go.wait(10)
+            raise ph.ResourceError("no room")
+        begin(self, on)
+
+    monkeypatch.setattr(drawing.Drawing, "begin", failing)
+    session.look(replace(session.camera, eye=(0.0, 1.0, 9.0)))
+    assert begun.wait(10)
+    session.look(replace(session.camera, eye=(0.0, 1.0, 5.0)))
+    go.set()
+    assert settled(session).camera.eye == (0.0, 1.0, 5.0)
+
+
+def test_the_coarsest_picture_is_shown_however_long_it_takes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(views, "LATE_SECONDS", 0.0)
+    with Session(scene(), spp=1) as session:
+        assert settled(session, 1).scale == 1.0
+
+
+def test_changes_that_were_taken_back_are_not_made(session: Session) -> None:
+    go = threading.Event()
+
+    def wait() -> None:
+        go.wait(10)
+
+    session._do(wait, "values")
+    taken_back = session.hide([0])
+    assert taken_back.cancel()
+    go.set()
+    assert settled(session).hidden == {}
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        (lambda s: s.crop(3), "crop is 3; must be four shares"),
+        (lambda s: s.show(layer=[]), r"layer is \[\]; must be text"),
+        (lambda s: s.show(denoise="no"), "denoise is 'no'; must be True or False"),
+        (lambda s: s.hide("ab"), "objects is 'ab'; must be a list"),
+        (lambda s: s.hide(3), "objects is 3; must be a list"),
+        (lambda s: s.hide([0.5]), r"objects\[0\] is 0.5; must be a whole number"),
+        (lambda s: s.change("materials", "0", "color", 1.0), "index is '0'; must be a whole"),
+        (lambda s: s.change(["a"], 0, "color", 1.0), r"kind is \['a'\]; must be text"),
+        (lambda s: s.image("a"), "timeout is 'a'; must be a number"),
+        (lambda s: Session(s.scene(), threads=-1), r"threads is -1; must lie in \[0, 4096\]"),
+    ],
+)
+def test_what_is_of_a_wrong_type_is_told(session: Session, asked: Any, told: str) -> None:
+    with pytest.raises(ph.SceneError, match=told):
+        asked(session)
+    assert settled(session).scale == 1.0
 
 
 def test_of_many_hidings_the_last_is_built(

@@ -34,7 +34,7 @@ def whole(name: str, value: Any, low: int, high: int) -> int:
 def number(name: str, value: Any) -> float:
     """Any number."""
     try:
-        if not isinstance(value, (str, bytes)):
+        if not isinstance(value, (str, bytes)) and not _is_flag(value):
             return float(value)
     except (TypeError, ValueError, OverflowError):
         pass
@@ -53,7 +53,7 @@ def length(name: str, value: Any) -> float | None:
 
 def flag(name: str, value: Any) -> bool:
     """True or False, Python's or NumPy's."""
-    if type(value).__name__ not in ("bool", "bool_"):
+    if not _is_flag(value):
         raise _wrong(name, value, "True or False")
     return bool(value)
 
@@ -115,6 +115,11 @@ def instance(name: str, value: Any, kind: type[_T]) -> _T:
             needed = f"{word} are"
         raise SceneError(f"{option(name)}: {needed} needed, not {type(value).__name__}")
     return value
+
+
+def _is_flag(value: Any) -> bool:
+    """Whether it is True or False, Python's or NumPy's."""
+    return type(value).__name__ in ("bool", "bool_")
 
 
 def _numbers(name: str, value: Any, count: int, what: str) -> list[float]:

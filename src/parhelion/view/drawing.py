@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 SHORTEST_PASS, LONGEST_PASS = 0.15, 1.5
 # A picture that would be larger than this share of the one asked for is not worth being made first.
 ALMOST_WHOLE = 0.7
+# About the least side of a coarse picture, in pixels.
+_LEAST = 8
 # Bytes a pixel beside what render() takes, measured with some room: pictures that are kept until
 # the next one is there, colours and their packing; and of features.
 SHOWN_BYTES, SHOWN_FEATURE_BYTES = 80, 160
@@ -125,6 +127,11 @@ class Drawing:
         """Whether it has the size that was asked for."""
         return self.scale == 1.0
 
+    @property
+    def coarsest(self) -> bool:
+        """Whether there is no coarser one to take its place."""
+        return self.place[2] * self.place[3] <= 2 * _LEAST**2
+
     def begin(self, stage: Stage) -> None:
         """Makes the film. Raises SceneError, and ResourceError if memory is too small."""
         from .. import _core
@@ -208,7 +215,7 @@ def draw(request: Request, most: float) -> Drawing:
     w, h = (request.crop or (0.0, 0.0, 1.0, 1.0))[2:]
     pixels = max(request.width * w * request.height * h, 1.0)
     scale = math.sqrt(most / pixels)
-    return Drawing(request, 1.0 if scale > ALMOST_WHOLE else max(scale, 8.0 / math.sqrt(pixels)))
+    return Drawing(request, 1.0 if scale > ALMOST_WHOLE else max(scale, _LEAST / math.sqrt(pixels)))
 
 
 def rectangle(part: Rectangle, width: int, height: int) -> tuple[int, int, int, int]:

@@ -114,9 +114,10 @@ class Restore(_Message, tag="restore"):
 
 
 class Hide(_Message, tag="hide"):
-    """Which objects are not there."""
+    """Whether an object is there."""
 
-    objects: list[int]
+    object: int
+    visible: bool
 
 
 class Pick(_Message, tag="pick"):
@@ -335,7 +336,7 @@ class Client:
             case Restore():
                 session.restore().add_done_callback(self._told)
             case Hide():
-                session.hide(message.objects).add_done_callback(self._told)
+                session.show_object(message.object, message.visible).add_done_callback(self._told)
             case Seen():
                 with self._lock:
                     while self._sent and self._sent[0] <= message.frame:

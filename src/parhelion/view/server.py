@@ -20,6 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .. import arguments
 from ..errors import ResourceError
 from .messages import LARGEST, Client, Packer, joined
 
@@ -64,6 +65,7 @@ class Server:
     """
 
     def __init__(self, session: Session, *, host: str = "127.0.0.1", port: int = 0) -> None:
+        host, port = arguments.text("host", host), arguments.whole("port", port, 0, 65535)
         self.token = secrets.token_urlsafe(18)
         self.session = session
         self._socket = _listening(host, port)
@@ -269,8 +271,6 @@ class _Tasks:
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    if not 0 <= port < 65536:
-        raise ResourceError(f"{host} port {port}: cannot listen there: ports go from 0 to 65535")
     try:
         info = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
         made = socket.socket(info[0], info[1])

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from .. import machine, memory
+from .. import arguments, machine, memory
 from ..denoise import check_denoiser, denoised, finite, guides_of
 from ..display import Display
 from ..errors import ParhelionError, ResourceError, SceneError, option, unknown_name
@@ -103,6 +103,7 @@ class Session:
             prepared = scene if isinstance(scene, Prepared) else prepare(scene)
         changes = {k: v for k, v in settings.items() if v is not None and k != "crop"}
         self._condition = threading.Condition()
+        threads = arguments.whole("threads", threads, 0, 4096)
         self._threads = (threads if cluster is None else 0) or machine.cores_available()
         self._listeners: list[Callable[[Event], None]] = []
         self._jobs: deque[tuple[Callable[[], None], Future[None]]] = deque()
@@ -120,6 +121,7 @@ class Session:
         self._drawing: Drawing | None = None
         self._number = 0
         self._hides = 0  # that were asked for
+        self._hiding: set[int] = set()  # by the last of them
         self._stage = Stage(prepared, camera, changes)
         size = merged(self._stage.settings, {"width": width, "height": height})
         _check_size(size.width, size.height)
@@ -208,11 +210,11 @@ class Session:
         if (width, height) == (now.width, now.height):
             return
         self._check_memory(width, height, _wants_features(self._layer, self._denoise))
-        camera = now.camera
+        changes: dict[str, Any] = {"width": width, "height": height}
         quick = self._stage.placing <= QUICK
         if not self._moved and quick:
-            camera = self._stage.home(width, height)
-        self._ask(width=width, height=height, camera=camera)
+            changes["camera"] = self._stage.home(width, height)
+        self._ask(**changes)
         if not self._moved and not quick:
             threading.Thread(target=self._place, args=(width, height), daemon=True).start()
 
@@ -221,6 +223,8 @@ class Session:
         all.
         """
         if part is not None:
+            if not isinstance(part, (tuple, list)) or len(part) != 4:
+                raise SceneError(f"crop is {part!r}; must be four shares: x, y, width, height")
             x, y, w, h = (_share(v) for v in part)
             w, h = min(w, 1.0 - x), min(h, 1.0 - y)
             if w * self._request.width < 1.0 or h * self._request.height < 1.0:
@@ -240,11 +244,11 @@ class Session:
 
         denoise: without its noise, by Open Image Denoise; raises ResourceError where there is none.
         """
-        if denoise:
+        if denoise is not None and arguments.flag("denoise", denoise):
             check_denoiser()
         changes: dict[str, Any] = {"exposure": exposure, "view_transform": view_transform}
         display = replace(self._display, **{k: v for k, v in changes.items() if v is not None})
-        if layer is not None and layer not in LAYERS:
+        if layer is not None and arguments.text("layer", layer) not in LAYERS:
             raise SceneError(unknown_name("layer", layer, LAYERS))
         layer = layer or self._layer
         denoise = self._denoise if denoise is None else denoise
@@ -282,10 +286,13 @@ class Session:
         self._tell("state")
 
     def change(self, kind: str, index: int, name: str, value: Any) -> Future[None]:
-        """Another value for a parameter of a material or light; see Parameters.change.
+        """Another value for a parameter of a material or light; see Parameters.change. index: as
+        in the outline.
 
         What is returned holds the SceneError, if there is one, when it has been done.
         """
+        kind, name = arguments.text("kind", kind), arguments.text("name", name)
+        index = arguments.whole("index", index, 0, 2**32)
         return self._do(lambda: self._stage.change(kind, index, name, value), "values")
 
     def restore(self) -> Future[None]:
@@ -298,10 +305,14 @@ class Session:
         Raises SceneError for those that there are not. What is returned holds the error, if there
         is one, when it has been done, or left to what was asked for later.
         """
-        hidden = set(objects)
+        if isinstance(objects, (str, bytes)) or not isinstance(objects, Collection):
+            raise SceneError(f"objects is {objects!r}; must be a list of indices")
+        hidden = {arguments.whole(f"objects[{i}]", o, 0, 2**32) for i, o in enumerate(objects)}
         self._stage.check_objects(hidden)
-        self._hides += 1
-        number = self._hides
+        with self._condition:
+            self._hiding = hidden
+            self._hides += 1
+            number = self._hides
 
         def job() -> None:
             self._stage.check_objects(hidden)  # of another scene by now, perhaps
@@ -310,6 +321,11 @@ class Session:
                 self._stage.hide(hidden)
 
         return self._do(job, "scene", "building the scene")
+
+    def show_object(self, index: int, visible: bool) -> Future[None]:
+        """Whether one object is there; the others stay as was asked last. As hide() otherwise."""
+        change = self._hiding.difference if visible else self._hiding.union
+        return self.hide(change({index}))
 
     def replace(self, scene: Scene | Prepared | Any) -> Future[None]:
         """Another scene, as of a file that was changed. The camera stays if the user moved it.
@@ -321,10 +337,16 @@ class Session:
 
         def job() -> None:
             self._stage.take(prepared)
-            self._error = None
-            if not self._moved:
+            self._error, self._hiding = None, set()
+            while True:
                 now = self._request
-                self._request = replace(now, camera=self._stage.home(now.width, now.height))
+                home = self._stage.home(now.width, now.height)  # which may take seconds
+                with self._condition:
+                    if self._moved:
+                        return
+                    if (now.width, now.height) == (self._request.width, self._request.height):
+                        self._request = replace(self._request, camera=home)
+                        return
 
         return self._do(job, "scene")
 
@@ -410,7 +432,7 @@ class Session:
         Raises why it cannot be made, a SceneError or ResourceError, and ResourceError if it is not
         there after so many seconds.
         """
-        end = time.monotonic() + timeout
+        end = time.monotonic() + arguments.number("timeout", timeout)
         with self._condition:
             while self._full is None or self._full.revision != self._request.revision:
                 if self._failure is not None:
@@ -502,8 +524,10 @@ class Session:
         )
 
     def _fail(self, error: ParhelionError) -> None:
-        request = self._request
+        request = self._request if self._drawing is None else self._drawing.request
         self._drawing = Drawing(request, 1.0, failed=True)
+        if request is not self._request:  # nobody waits for it any more
+            return
         self._failure = error
         self._tell("state")
 
@@ -520,14 +544,16 @@ class Session:
             self._step_elsewhere(drawing)
             return
         first, whole = drawing.first, drawing.done > 0
-        late = began + (LATE_SECONDS if first else LATE_PASS)
+        end = began + (LATE_SECONDS if first else LATE_PASS)
 
         def tick(_samples: int, _rays: int) -> bool:
-            if self._closing or ((first or whole) and time.perf_counter() > late):
+            if self._closing:
                 return True
-            # what is asked for next does not stop the first: else a moving camera shows nothing
             other = bool(self._jobs) or self._request is not request
-            return not first and (other or (whole and (self._paused or self._resting)))
+            late = time.perf_counter() > end
+            if first:  # what is asked for next does not stop it: a moving camera would show nothing
+                return late and (other or not drawing.coarsest)
+            return other or (whole and (late or self._paused or self._resting))
 
         last = min(drawing.done + drawing.size, max(self._spp, 1))
         seconds, samples, complete = drawing.add(self._stage, last, self._threads, tick, began)
@@ -660,6 +686,8 @@ class Session:
     def _work_off(self) -> None:
         for _ in range(len(self._jobs)):  # not those that come meanwhile: a picture is due
             run, future = self._jobs.popleft()
+            if not future.set_running_or_notify_cancel():
+                continue
             try:
                 run()
             except (ParhelionError, MemoryError) as error:

@@ -268,6 +268,22 @@ function button(name, label, onclick, more = {}) {
 const LOGO =
   '<svg class="ph-logo" viewBox="0 0 32 32" aria-hidden="true"><circle cx="16" cy="16" r="5.500" fill="currentColor"/><path d="M4 22a13 13 0 0 1 0-12M28 22a13 13 0 0 0 0-12" fill="none" stroke="currentColor" stroke-width="2.600" stroke-linecap="round"/></svg>';
 
+// Keys that move a slider
+const MOVES = new Set(["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home", "End", "PageUp", "PageDown"]);
+
+// What a number's field shows when it is left without one
+function remember(field) {
+  field.addEventListener("focus", () => (field.dataset.before = field.value));
+}
+
+// The number of a field, or null where there is none: what was there before is shown again.
+function entered(field) {
+  const value = field.value.trim() === "" ? NaN : Number(field.value);
+  if (Number.isFinite(value)) return value;
+  field.value = field.dataset.before ?? "";
+  return null;
+}
+
 const HELP = [
   ["Turn", "Drag", "One finger", "Arrow keys"],
   ["Move sideways", "Right button, or Shift and drag", "Two fingers", "Shift and arrow keys"],
@@ -279,7 +295,7 @@ const HELP = [
   ["Focus on a place", "Focus tool, click", "Focus tool, tap", "F, then click"],
   ["Render a part", "Crop tool, drag", "Crop tool, drag", "C, then drag"],
   ["First camera", "Home", "Home", "H"],
-  ["Pause, go on", "", "", "Space"],
+  ["Pause, go on", "Pause", "Pause", "Space"],
   ["Darker, brighter", "Slider", "Slider", ", and ."],
   ["Next layer", "List", "List", "L"],
   ["Save PNG, EXR", "Save", "Save", "Ctrl S, Ctrl Shift S"],
@@ -540,11 +556,12 @@ class View {
     const to = (v) => (log ? Math.log10(Math.max(v, low)) : v);
     const from = (v) => (log ? 10 ** v : v);
     const any = step || "any";
+    let top = to(high);
     const range = h("input", { id, type: "range", min: to(low), max: to(high), step: log ? "any" : any });
     const number = h("input", { type: "number", step: "any", "aria-label": `${label}, number` });
     const put = (v) => {
-      if (!log && v > Number(range.max)) range.max = v;
-      if (!log && v < Number(range.min)) range.min = v;
+      if (!log) range.max = Math.max(top, v); // further only while a number is there
+      if (!log) range.min = Math.min(low, v);
       range.value = to(v);
       number.value = short(v, 4);
       fill();
@@ -562,11 +579,12 @@ class View {
       changed(v);
     });
     number.addEventListener("change", () => {
-      const v = Number(number.value);
-      if (!Number.isFinite(v)) return;
+      const v = entered(number);
+      if (v === null) return;
       put(v);
       changed(v);
     });
+    remember(number);
     put(value);
     const element = h("div", { class: "ph-row ph-slider" }, h("label", { for: id }, label), range, h("span", { class: "ph-unit" }, number, unit));
     return {
@@ -574,7 +592,7 @@ class View {
       range,
       number,
       set: (v) => this.held !== range && document.activeElement !== number && put(v),
-      reach: (most) => ((range.max = to(most)), fill()),
+      reach: (most) => ((range.max = top = to(most)), fill()),
     };
   }
 
@@ -611,7 +629,9 @@ class View {
     else if (header.type === "scene") this.onScene(header);
     else if (header.type === "values") this.onValues(header);
     else if (header.type === "error") {
-      if (!this.answer(header.id, null, header.text)) this.say(header.text, true);
+      if (this.answer(header.id, null, header.text)) return;
+      this.say(header.text, true);
+      for (const kind of ["materials", "lights"]) this.listParameters(kind); // as they still are
     } else this.answer(header.id, { ...header, data });
   }
 
@@ -758,8 +778,7 @@ class View {
   }
 
   toggleObject(index) {
-    const hidden = this.outline.objects.flatMap((o, i) => (o.visible === (i === index) ? [i] : []));
-    this.send("hide", { objects: hidden });
+    this.send("hide", { object: index, visible: !this.outline.objects[index].visible });
   }
 
   chooseMaterial(index) {
@@ -794,8 +813,12 @@ class View {
     }
     if (p.low === null || p.low < 0) {
       const inputs = p.value.map((v, i) =>
-        h("input", { id: i ? null : id, type: "number", step: "any", value: short(v, 5), "aria-label": `${label}, ${"xyz"[i]}`, onchange: () => change(inputs.map((n) => Number(n.value))) }),
+        h("input", { id: i ? null : id, type: "number", step: "any", value: short(v, 5), "aria-label": `${label}, ${"xyz"[i]}` }),
       );
+      for (const input of inputs) {
+        remember(input);
+        input.addEventListener("change", () => entered(input) !== null && change(inputs.map((n) => Number(n.value))));
+      }
       return row(h("span", { class: "ph-three" }, ...inputs));
     }
     if (p.high !== null && p.high <= 1) {
@@ -1269,7 +1292,10 @@ class View {
     this.root.classList.remove("ph-pointing");
     const tag = e.target.tagName;
     if (this.help.open || e.target.closest?.("[role=menu]")) return;
-    const typing = tag === "INPUT" || tag === "SELECT" || tag === "TEXTAREA" || e.target.isContentEditable;
+    const slides = e.target.type === "range" && !MOVES.has(e.key);
+    const ticks = (e.target.type === "checkbox" || e.target.type === "color") && e.key !== " " && e.key !== "Enter";
+    const control = tag === "INPUT" || tag === "SELECT" || tag === "TEXTAREA" || e.target.isContentEditable;
+    const typing = control && !slides && !ticks;
     const command = e.ctrlKey || e.metaKey;
     if (command && e.key.toLowerCase() === "s") {
       e.preventDefault();
@@ -1281,6 +1307,8 @@ class View {
     const angle = 24; // pixels of a drag
     const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
     const steps = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], q: [0, -1, 0], e: [0, 1, 0] };
+    // Caps Lock makes no other keys of them
+    const name = e.key.length > 1 ? e.key : e.shiftKey ? e.key.toUpperCase() : e.key.toLowerCase();
     const actions = {
       "+": () => this.dolly(0.9),
       "=": () => this.dolly(0.9),
@@ -1307,7 +1335,7 @@ class View {
       if (e.shiftKey) this.pan(-x, -y);
       else this.orbit(-x, -y);
     } else if (e.key.toLowerCase() in steps) this.walk(...steps[e.key.toLowerCase()]);
-    else if (e.key in actions) actions[e.key]();
+    else if (name in actions) actions[name]();
     else return;
     e.preventDefault();
   }
