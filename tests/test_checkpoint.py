@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import random
 import shutil
@@ -85,6 +86,11 @@ def test_only_checkpoints_are_replaced_and_only_by_what_goes_on(
         with pytest.raises(ph.SceneError, match=said):
             ph.render(spheres, checkpoint=file, spp=1, **SIZE)
         assert file.read_bytes() == content
+    os.mkfifo(tmp_path / "pipe")
+    for place in ("/dev/zero", tmp_path / "pipe"):  # which may never end
+        for resume in (False, True):
+            with pytest.raises(ph.FormatError, match=f"{place}: is not a regular file"):
+                ph.render(spheres, checkpoint=place, resume=resume, spp=1, **SIZE)
     with pytest.raises(ph.SceneError, match="checkpoint: a path is needed, not int"):
         ph.render(spheres, checkpoint=3, spp=1, **SIZE)
 
@@ -178,6 +184,18 @@ def test_what_is_no_checkpoint_is_refused(spheres: Any, tmp_path: Path) -> None:
                         archive.writestr(other, changed)
             if changed != members[name]:
                 spoilt.append((tmp_path / "b").read_bytes())
+    header = json.loads(members["checkpoint.json"])
+    strange = [{**header, "spent": {**header["spent"], "samples": "a"}}, {**header, "spent": 3}]
+    strange += [{**header, "spent": {**header["spent"], "seconds": float("nan")}}]
+    far = b"\xff" * len(members["done"])
+    more = [{"checkpoint.json": json.dumps(h).encode()} for h in strange]
+    for made in [*more, {"done": far}, {"targets": far}]:
+        with zipfile.ZipFile(tmp_path / "b", "w") as archive:
+            for name, data in {**members, **made}.items():
+                archive.writestr(name, data)
+        file.write_bytes((tmp_path / "b").read_bytes())
+        with pytest.raises(ph.FormatError, match="is no checkpoint, or a damaged one"):
+            ph.render(spheres, checkpoint=file, resume=True, spp=3, **SIZE)
     expected = ph.render(spheres, checkpoint=tmp_path / "c", spp=3, **SIZE)
     refused = 0
     for data in spoilt:
@@ -214,6 +232,18 @@ def test_a_checkpoint_that_fails_is_told_and_the_picture_is_made(
     assert image.stats.ended == "spp"
     assert f"{tmp_path / 'a'}: cannot be written: No space left on device" in caplog.text
     assert os.listdir(tmp_path) == []
+
+
+def test_ctrl_c_in_a_program_keeps_what_there_is(spheres: Any, tmp_path: Path) -> None:
+    def stop(state: ph.Progress) -> None:
+        if state.samples > 48 * 27 * 6:
+            raise KeyboardInterrupt
+
+    file = tmp_path / "a"
+    with pytest.raises(KeyboardInterrupt):
+        ph.render(spheres, checkpoint=file, progress=stop, spp=10**6, **SIZE)
+    image = ph.render(spheres, checkpoint=file, resume=True, spp=40, **SIZE)
+    assert_same(image, ph.render(spheres, checkpoint=tmp_path / "b", spp=40, **SIZE))
 
 
 # --- Faults --------------------------------------------------------------------------------------

@@ -362,6 +362,8 @@ def test_exit_codes_for_scripts(
             "p is that of the z-test, which needs varia",
         ),
         (["a.exr", "b.exr", "--difference", "c.exr"], "c.exr: .png or .jpg is needed"),
+        (["a.exr", "b.exr", "--html", "a.exr"], "a.exr: is what is to be read; give the result"),
+        (["s.png", "b.exr", "--difference", "s.png"], "s.png: is what is to be read"),
         (["a.exr", "b.exr", "--html", "no/c.html"], "no/c.html: there is no folder"),
         (["a.exr", "b.exr", "--variance", "v.exr", "w.exr"], "w.exr: no such file"),
         (["a.exr", "small.exr"], "a.exr has 60x40 pixels, small.exr 7x6"),
@@ -375,10 +377,11 @@ def test_mistakes(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     Path("small.exr").write_bytes(encoded(files[0][:6, :7], {}, ".exr"))
-    before = sorted(Path().iterdir())
+    Path("s.png").write_bytes(encoded(np.zeros((40, 60, 3), np.uint8), {}, ".png"))
+    before = {file: file.read_bytes() for file in Path().iterdir()}
     assert run(*arguments) == 2
     assert told in capsys.readouterr().err
-    assert sorted(Path().iterdir()) == before
+    assert {file: file.read_bytes() for file in Path().iterdir()} == before
 
 
 def test_renderings_know_their_own_variance(tmp_path: Path) -> None:

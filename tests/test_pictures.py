@@ -333,11 +333,11 @@ def test_broken_files_are_told_of(exr: Path) -> None:
     ("arguments", "told"),
     [
         (["no.exr"], "no.exr: no such file"),
-        (["folder.exr"], "folder.exr: is no file"),
+        (["folder.exr"], "folder.exr: is not a regular file"),
         (["text.exr"], "text.exr: cannot be read"),
         (["cut.exr", "-o", "a.png"], "cut.exr: cannot be read"),
         (["in.exr", "--layer", "alpedo"], "in.exr: unknown layer 'alpedo'; did you mean 'albedo'"),
-        (["in.exr", "-o", "in.exr"], "in.exr: is the picture to convert"),
+        (["in.exr", "-o", "in.exr"], "in.exr: is what is to be read"),
         (["in.exr", "-o", "a.gif"], "unknown picture ending '.gif'"),
         (["in.exr", "-o", "a.png", "--bits", "32"], ".png cannot hold 32 bits"),
         (["in.exr", "-o", "a.exr", "--compression", "dwaa"], "would change the ids"),

@@ -558,6 +558,24 @@ def test_materials_as_gltf(tmp_path: Path, given: ph.Material, read: Any) -> Non
         np.testing.assert_allclose(found.params[name], value, rtol=3e-4, err_msg=name)
 
 
+@pytest.mark.parametrize("roughness", [0.0, 0.3])
+def test_a_nonlinear_plastic_as_gltf_is_as_bright(tmp_path: Path, roughness: float) -> None:
+    color = (0.9, 0.5, 0.1)
+    pixels = np.full((2, 2, 3), color, np.float32)
+    for given in (color, ph.Texture("image", image=pixels, color_space="linear")):
+        params: dict[str, Any] = {"nonlinear": "on", "ior": 1.5, "roughness": roughness}
+        material = ph.Material("plastic", color=given, **params)
+        ph.save(ph.Scene([replace(torus(), material=material)], **LIT), tmp_path / "a.glb")
+        (found,) = ph.load(tmp_path / "a.glb").materials.values()
+        texture = found.params["color"]
+        if isinstance(texture, ph.Texture):
+            stored = decode_srgb(read_pixels(texture.params["image"])[0, 0] / 65535.0)
+            found = ph.Material("principled", **{**found.params, "color": tuple(stored)})
+        material = ph.Material("plastic", color=color, **params)
+        one, other = (scattered(m, 20_000, False)[0] for m in (material, found))
+        np.testing.assert_allclose(other, one, atol=6e-3)
+
+
 def variants(kind: str) -> Iterator[dict[str, Any]]:
     """A material as it is, and with each parameter at another value; smooth and rough."""
     listed = tables.tables()["materials"][kind].params
@@ -920,6 +938,7 @@ def test_what_gltf_cannot_hold_is_named(tmp_path: Path, caplog: pytest.LogCaptur
     ph.save(scene, tmp_path / "a.glb")
     assert sorted(m.removeprefix("a.glb: ").split(":")[0] for m in caplog.messages) == [
         "another material of the back",
+        "attribute 'vertex_age'",
         "background 'envmap'",
         "blend",
         "bump maps",
@@ -969,7 +988,7 @@ def test_convert_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     link = tmp_path / "same.json"
     link.symlink_to(source)
     for words, reason in (
-        (["a.json", "same.json"], "same.json: is the file to convert; give the result another"),
+        (["a.json", "same.json"], "same.json: is what is to be read; give the result another"),
         (["none.json", "b.json"], "none.json: no such file"),
         (["a.json", "b.png"], "b.png: unknown ending of a scene to write '.png' (choices: "),
         (["a.json", "b.ply", "--strict"], "cylinders: PLY has triangles or points; left out"),

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from .errors import ResourceError
+from .errors import ResourceError, SceneError
 
 if sys.platform != "win32":
     import fcntl
@@ -95,6 +95,16 @@ def _refusals(file: Path) -> Iterator[None]:
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         reason = getattr(error, "strerror", None) or error
         raise ResourceError(f"{file}: cannot be written: {reason}") from error
+
+
+def check_apart(output: str | os.PathLike[str], *sources: str | os.PathLike[str]) -> None:
+    """Raises SceneError for a file to be written that is one of those to be read."""
+    for source in sources:
+        same = False
+        with suppress(OSError, ValueError):  # one is not there, or has no name that may be
+            same = os.path.samefile(source, output)
+        if same:
+            raise SceneError(f"{output}: is what is to be read; give the result another name")
 
 
 def is_special(path: Path) -> bool:

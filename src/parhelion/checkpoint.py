@@ -9,6 +9,7 @@ what merge() has to know of the scene besides.
 from __future__ import annotations
 
 import json
+import math
 import os
 import zipfile
 from collections.abc import Iterator
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .atomic import replacing
+from .atomic import is_special, replacing
 from .errors import FormatError, SceneError, option
 from .progressive import Spent
 from .scene import Camera, Settings
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 FORMAT = 2
 HEADER, PICTURE = "checkpoint.json", "picture.json"
+# Of a pixel, that a rendering may be asked for
+_MOST_SAMPLES = 1 << 31
 # No header of ours is longer; names of a million shapes are not
 _LONGEST = {HEADER: 1 << 20, PICTURE: 1 << 28}
 
@@ -93,6 +96,7 @@ def check_new(path: str | os.PathLike[str]) -> None:
     file = Path(path)
     if not file.exists():
         return
+    _check_regular(file)
     try:
         with zipfile.ZipFile(file) as archive:
             archive.getinfo(HEADER)
@@ -119,7 +123,13 @@ def resume(path: str | os.PathLike[str], rendering: Rendering, made_of: dict[str
             fill(archive, name, values)
         for name, values in of_film(rendering.film).items():
             fill(archive, name, values, own)
-        rendering.spent = Spent(**header["spent"])
+        told = Spent(**header["spent"])
+        numbers = Spent(int(told.samples), int(told.rays), float(told.seconds))
+        if numbers != told or not math.isfinite(numbers.seconds):
+            raise ValueError
+        if max(rendering.done.max(), rendering.targets.max()) > _MOST_SAMPLES:
+            raise ValueError
+        rendering.spent = numbers
 
 
 @contextmanager
@@ -127,6 +137,7 @@ def reading(file: Path) -> Iterator[zipfile.ZipFile]:
     """A checkpoint to read from. What goes wrong in the block, as with a file that is none or a
     damaged one, is a FormatError that names it; a SceneError stays what it is.
     """
+    _check_regular(file)
     try:
         with zipfile.ZipFile(file) as archive:
             yield archive
@@ -136,6 +147,12 @@ def reading(file: Path) -> Iterator[zipfile.ZipFile]:
         raise FormatError(f"{file}: cannot be read: {error.strerror or error}") from error
     except (zipfile.BadZipFile, KeyError, TypeError, ValueError, EOFError, RuntimeError) as error:
         raise FormatError(f"{file}: is no checkpoint, or a damaged one") from error
+
+
+def _check_regular(file: Path) -> None:
+    """Raises FormatError for a device or a pipe, which may never end."""
+    if is_special(file):
+        raise FormatError(f"{file}: is not a regular file")
 
 
 def text(archive: zipfile.ZipFile, name: str) -> Any:

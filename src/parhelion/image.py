@@ -522,14 +522,15 @@ def opened(path: str, where: str) -> Any:
     import OpenImageIO as oiio
 
     start = f"{where}: " if where else ""
+    if is_special(Path(path)):  # a pipe, say, which the library would wait for
+        raise FormatError(f"{start}is not a regular file")
     hints = oiio.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(path, hints)
     if source is None:
         reason = reason_of(oiio.geterror).replace(f'"{path}"', "it")  # asked for even if not told
         if not os.path.isfile(path):
-            what = "is no file" if os.path.exists(path) else "no such file"
-            raise FormatError(f"{start}{what}")
+            raise FormatError(f"{start}no such file")
         raise FormatError(f"{start}cannot be read: {reason}")
     spec = source.spec()
     try:

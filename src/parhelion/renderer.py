@@ -472,7 +472,7 @@ def _checkpointed(
         try:
             checkpoints.save(file, rendering, made_of, picture)
         except ResourceError as error:  # the disk may have room again before the next one
-            log.warning("%s; rendering goes on", error)
+            log.error("%s; rendering goes on", error)
 
     clear(Path(os.path.realpath(file)).parent)
     if not resume:
@@ -482,7 +482,7 @@ def _checkpointed(
     rendering.save_every(interval, save)
     try:
         ended = rendering.run(report)
-    except ResourceError:  # a cluster that is gone
+    except (ResourceError, KeyboardInterrupt):  # a cluster that is gone; a user who has enough
         save()
         raise
     save()

@@ -66,6 +66,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Prints to stdout; 1 if a limit is exceeded."""
+    from ..atomic import check_apart
     from ..comparison import compare, limits_exceeded
     from ..comparison_report import MEASURES
     from ..image import check_output, check_place
@@ -74,6 +75,8 @@ def run(args: argparse.Namespace) -> int:
     for name in (*above, *below):
         if name not in MEASURES:
             raise SceneError(unknown_name("measure", name, MEASURES))
+    for output in filter(None, (args.html, args.difference)):
+        check_apart(output, args.picture, args.reference, *(args.variance or ()))
     if args.html is not None:
         check_place(Path(args.html))
     if args.difference is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import time
 from pathlib import Path
@@ -27,14 +26,13 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Loads and writes."""
-    from ..errors import FormatError
+    from ..atomic import check_apart
     from ..io import load
     from ..saving import check_writable, is_bare, save
 
     output = Path(args.output)
     ending = check_writable(output)
-    if os.path.exists(args.scene) and output.exists() and os.path.samefile(args.scene, output):
-        raise FormatError(f"{output}: is the file to convert; give the result another name")
+    check_apart(output, args.scene)
     start = time.perf_counter()
     # Formats whose files get a view and light when they are read need none written.
     scene = load(args.scene, options.load_options(args), studio=not is_bare(ending))

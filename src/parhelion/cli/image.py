@@ -77,14 +77,14 @@ def run(args: argparse.Namespace) -> int:
         found = _contents(PictureFile(args.input))
         print(json.dumps(found, indent=1) if args.json else _text(found))
         return 0
+    from ..atomic import check_apart
     from ..image import check_output
 
     default = f"{Path(args.input).stem}.png"
     output = Path(default if args.output is None else args.output)
     check_output(output, args.bits, **options.saving(args))
     file = PictureFile(args.input)
-    if output.exists() and os.path.samefile(args.input, output):
-        raise SceneError(f"{output}: is the picture to convert; give the result another name")
+    check_apart(output, args.input)
     if output.suffix.lower() == ".exr":
         said = _linear(args, file, output)
     else:

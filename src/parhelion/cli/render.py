@@ -263,6 +263,9 @@ def run(args: argparse.Namespace) -> int:
         return _picture(args, output, settings, begun)
 
 
+# Bytes a second that a disk takes of checkpoints, with its cache written out: a slow one.
+_CHECKPOINT_RATE = 3e8
+
 CHECKPOINT = ("checkpoint", "checkpoint_every", "resume")
 
 
@@ -327,7 +330,7 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any], be
         print(f"parhelion: {output} has {image.told_spp()}: a part failed", file=sys.stderr)
         return 1
     hint = "--checkpoint FILE would let it go on another time"
-    if args.checkpoint is not None:
+    if args.checkpoint is not None and os.path.exists(args.checkpoint):
         hint = f"the same command with --resume goes on from {args.checkpoint}"
     error = "" if image.stats.error is None else f", error {100 * image.stats.error:.2g} %"
     noise = " and is not denoised" if image.stats.complete else ""
@@ -394,7 +397,8 @@ def _part(args: argparse.Namespace, settings: dict[str, Any], begun: float) -> i
 def rendering_seconds(
     args: argparse.Namespace, output: str, size: tuple[int, int], begun: float
 ) -> float:
-    """What is left of --time-limit for rendering: the rest is for denoising and for writing.
+    """What is left of --time-limit for rendering: the rest is for denoising, for writing and for
+    the last checkpoint.
 
     size: of the picture. begun: when the time began. The rest gets no more than half of what is
     left, with a warning, as a picture of no samples is worth nothing.
@@ -408,6 +412,9 @@ def rendering_seconds(
         from ..denoise import seconds_for
 
         needed += seconds_for(pixels)
+    if args.checkpoint is not None or args.resume:
+        each = 560 if args.features or args.denoise else 80  # bytes of a pixel in a checkpoint
+        needed += pixels * each / _CHECKPOINT_RATE
     left: float = args.time_limit - (time.perf_counter() - begun)
     if needed > 0.5 * left:
         log.warning(

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import SceneError
 from . import options
 from .watch import Watch
 
@@ -40,6 +38,7 @@ def run(args: argparse.Namespace) -> int:
     """0 if all pixels are the same, 1 if not, 130 if it was stopped."""
     from dataclasses import replace
 
+    from ..atomic import check_apart
     from ..image import check_output
     from ..provenance import record, remade
     from ..scene import Source
@@ -47,8 +46,7 @@ def run(args: argparse.Namespace) -> int:
     made = record(args.picture)
     if args.output is not None:
         check_output(args.output, **made.for_file(args.output))
-        if os.path.exists(args.output) and os.path.samefile(args.picture, args.output):
-            raise SceneError(f"{args.output}: is the picture to make again; give another name")
+        check_apart(args.output, args.picture)
     if args.scene is not None:
         was = made.source
         if was is None or was.path is None:
