@@ -67,7 +67,7 @@ class BlockTest:
     def __str__(self) -> str:
         y, x = (self.size * i for i in self.block)
         return (
-            f"p = {self.p:.3g}; strongest in the block of edge {self.size} at pixel {x},{y}, channel"
+            f"p = {self.p:.3g}; strongest in the block of {self.size} pixels at {x},{y}, channel"
             f" {self.channel}: {self.strongest:+.1f} standard errors"
         )
 
