@@ -361,6 +361,30 @@ def test_a_scene_without_meaning(scene: object, told: str) -> None:
         ph.render(scene, **TINY)
 
 
+def test_options_of_reading_by_name(tmp_path: Path) -> None:
+    file = tmp_path / "a.xyz"
+    file.write_text("2\n\nH 0 0 0\nH 5 0 0\n")
+    radius = 0.25
+    for scene in (
+        ph.load(file, radius=radius),
+        ph.load(file, ph.LoadOptions(ground=True), radius=radius, ground=False),
+        ph.scene_of(file, radius=radius),
+    ):
+        assert np.all(scene.shapes[0].radii == np.float32(radius))
+        assert len(scene.shapes) == 2  # and a light, no ground
+    for read in (ph.load, ph.scene_of):
+        with pytest.raises(ph.SceneError, match="unknown option 'radios'; did you mean 'radius'"):
+            read(file, radios=1)
+        with pytest.raises(ph.SceneError, match="radius is True; must be a number"):
+            read(file, radius=True)
+
+
+@pytest.mark.parametrize("kind", [bool, complex])
+def test_positions_are_numbers(kind: type) -> None:
+    with pytest.raises(ph.SceneError, match=r"positions must be \(N, 3\) numbers"):
+        ph.scene_of(np.ones((4, 3), kind))
+
+
 # --- render() ------------------------------------------------------------------------------------
 
 
@@ -368,6 +392,7 @@ def test_a_scene_without_meaning(scene: object, told: str) -> None:
     ("arguments", "told"),
     [
         ({"widht": 5}, "unknown setting 'widht'; did you mean 'width'"),
+        ({"color_by": "id"}, "color_by is an option of reading a scene: ph.load"),
         ({"width": 0}, "width is 0"),
         ({"width": 70000}, r"width is 70000; must lie in \[1, 65536\]"),
         ({"width": 64.0}, "width is 64.0; must be a whole number"),

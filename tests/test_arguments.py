@@ -210,7 +210,7 @@ CASES: list[tuple[str, Callable[[Any], object], str, tuple[str, ...]]] = [
         "bond_length": ("None", "3"), "box": (), "wrap": (), "assembly": ("None", "3"),
         "defines": (), "strict": (), "allow_paths": ("[]",), "view": ("None", "'x'"),
         "environment": ("None", "'x'"), "up": ("None", "'x'"), "time": ("None", "3"),
-        "variant": ("None", "'x'"),
+        "variant": ("None", "'x'"), "camera": ("None", "'x'"),
     }.items()),
 ]  # fmt: skip
 

@@ -269,7 +269,7 @@ def test_every_option_has_its_help(command: str, capsys: pytest.CaptureFixture[s
         " --crop --quiet --log-level --color-by --colormap --radius --tree --schedule --features"
         " --integrator --ao-distance --strict --allow-path",
         "convert": "--strict --allow-path --up --view --quiet",
-        "info": "--materials --strict --allow-path",
+        "info": "--materials --strict --allow-path --variant --camera",
         "study": "--threads --widths --aspect --spp --scene --repeat --tree --sampler --schedule",
     }
     assert not set(asked[command].split()) - set(re.findall(r"--[a-z-]+", text))
@@ -589,13 +589,36 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["a.png"]
 
 
+def test_devices_and_pipes_are_no_scenes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "endless.ply").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "pipe.xyz")
+    os.mkfifo(tmp_path / "pipe.exr")
+    for words in (["render", "endless.ply"], ["info", "pipe.xyz"], ["image", "pipe.exr"]):
+        file = tmp_path / words[1]
+        assert cli.main([words[0], str(file)]) == 2
+        assert capsys.readouterr().err.endswith(f"{file}: is not a regular file\n")
+
+
 def test_ctrl_c_while_a_scene_is_read(tmp_path: Path) -> None:
-    # no one writes to this pipe, so that reading the scene never ends
-    os.mkfifo(tmp_path / "scene.xyz")
+    program = (
+        "import sys, time\n"
+        "import parhelion.io.xyz as reader\n"
+        "from parhelion.__main__ import main\n"
+        "def load(*_):\n"
+        "    print('reading', file=sys.stderr, flush=True)\n"
+        "    time.sleep(60)\n"
+        "reader.load = load\n"
+        "sys.exit(main())\n"
+    )
+    (tmp_path / "scene.xyz").write_text("1\n\nH 0 0 0\n")
     (tmp_path / "a.png").write_bytes(b"old")
-    words = ["render", "scene.xyz", "-o", "a.png"]
-    with started(*words, cwd=tmp_path) as process:
-        time.sleep(1.0)
+    words = ["-c", program, "render", "scene.xyz", "-o", "a.png"]
+    with subprocess.Popen(
+        [sys.executable, *words], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    ) as process:
+        wait_for(process, "reading")
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=30)
     assert process.returncode == 130

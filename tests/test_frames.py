@@ -111,6 +111,17 @@ def test_frames_that_are_not_there(tmp_path: Path, which: Any, told: str) -> Non
         load_frames(tmp_path / "a.xyz", which)
 
 
+def test_single_frames(tmp_path: Path) -> None:
+    (tmp_path / "a.xyz").write_text(xyz(moving()))
+    frames = load_frames(tmp_path / "a.xyz", "1:5")
+    scenes = list(frames)
+    for place, scene in ((0, frames[0]), (2, frames[2]), (3, frames[-1])):
+        np.testing.assert_array_equal(scene.shapes[0].centers, scenes[place].shapes[0].centers)
+    for place in (4, -5):
+        with pytest.raises(IndexError, match="there are 4 frames"):
+            frames[place]
+
+
 def test_a_format_without_frames(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text("{}")
     known = r"choices: \.xyz, .*\.gro, \.gltf, \.glb, \.usd, \.usda, \.usdc, \.usdz"

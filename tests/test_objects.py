@@ -404,7 +404,7 @@ def test_a_panorama_that_is_not_there(tmp_path: Any) -> None:
 
 
 def test_unknown_option() -> None:
-    with pytest.raises(ph.SceneError, match="unexpected keyword argument 'colour_by'"):
+    with pytest.raises(ph.SceneError, match="unknown option 'colour_by'; did you mean 'color_by'"):
         ph.scene_of(CORNERS, colour_by="x")
 
 

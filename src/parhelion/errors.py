@@ -13,6 +13,8 @@ from difflib import get_close_matches
 # What options are called where they are not called as in Python
 _SPELLED: ContextVar[Mapping[str, str] | None] = ContextVar("spelled", default=None)
 
+# Names that a message lists; of more it tells how many
+_LISTED = 40
 # Characters in a line of a message: beyond that it quotes a file at length
 _LONGEST = 1000
 
@@ -68,16 +70,21 @@ def spelled(names: Mapping[str, str]) -> Iterator[None]:
 
 
 def unknown_name(what: str, name: object, choices: Iterable[str]) -> str:
-    """The sentence for a name that is not in a list: the nearest one, then all of them.
+    """The sentence for a name that is not in a list: the nearest one, then all of them, or 40 and
+    how many more there are.
 
     >>> unknown_name("material type", "mettal", ["diffuse", "metal"])
     "unknown material type 'mettal'; did you mean 'metal'? (choices: diffuse, metal)"
+    >>> unknown_name("variant", "night", [])
+    "unknown variant 'night'; there are none"
     """
     known = sorted(choices)
     name = str(name)
     if len(name) > 60:  # a file may hold anything
         name = name[:57] + "..."
+    if not known:
+        return f"unknown {what} {name!r}; there are none"
     near = get_close_matches(name, known, n=1)
     guess = f"; did you mean {near[0]!r}?" if near else ""
-    shown = ", ".join(known[:12]) + (f", ... {len(known)} in all" if len(known) > 12 else "")
-    return f"unknown {what} {name!r}{guess} (choices: {shown or 'none'})"
+    more = f" and {len(known) - _LISTED} more" if len(known) > _LISTED else ""
+    return f"unknown {what} {name!r}{guess} (choices: {', '.join(known[:_LISTED])}{more})"

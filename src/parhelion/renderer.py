@@ -298,6 +298,13 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
     names = {f.name for f in fields(Settings)}
     for name in changes:
         if name not in names:
+            from .io import LoadOptions
+
+            if name in {f.name for f in fields(LoadOptions)}:
+                raise SceneError(
+                    f"{name} is an option of reading a scene: ph.load(path, {name}=...) or"
+                    f" ph.scene_of(thing, {name}=...)"
+                )
             raise SceneError(unknown_name("setting", name, names))
     arguments.instance("settings", base, Settings)
     changes = {name: value for name, value in changes.items() if value is not None}

@@ -8,7 +8,7 @@ import json
 import logging
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -30,8 +30,9 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     p = commands.add_parser(
         "info",
         help="show what is in a scene",
-        description="Shows what a scene or particle file holds, as a tree: shapes, materials,"
-        " images, lights, what is not supported, memory.",
+        description="Shows what a scene or particle file holds, as a tree: what there is to choose"
+        " from (fields, cameras, variants, ...), shapes, materials, images, lights, what is not"
+        " supported, memory.",
     )
     options.add_loading(p)
     form = p.add_mutually_exclusive_group()
@@ -71,14 +72,18 @@ def _contents(args: argparse.Namespace) -> dict[str, Any]:
     seconds = time.perf_counter() - start
     with options.naming(args):
         found = contents(scene)
-    file = frames = None
+    file = frames = choices = None
     if args.scene is not None:
+        from .. import io as readers
         from ..io.frames import frames_in
 
         file = {"path": str(args.scene), "bytes": Path(args.scene).stat().st_size}
-        extent = frames_in(args.scene, options.load_options(args))
+        read_as = options.load_options(args)
+        extent = frames_in(args.scene, read_as)
         frames = None if extent is None else asdict(extent)
-    return {"file": file, "seconds": seconds, "frames": frames, **found, "unsupported": unsupported}
+        choices = readers.contents(args.scene, read_as)
+    of_file = {"file": file, "seconds": seconds, "frames": frames, "contents": choices}
+    return {**of_file, **found, "unsupported": unsupported}
 
 
 @contextmanager
@@ -126,6 +131,8 @@ class _Text:
             root.add(_line(f"file: {f['file']['path']}, {size}, read in {seconds:.2f} s"))
         if f["frames"] and f["frames"]["first"] != f["frames"]["last"]:
             root.add(_line(_frames(**f["frames"])))
+        for name, value in (f["contents"] or {}).items():
+            self._choices(root, name.replace("_", " "), value)
         shapes = root.add(_line(f"shapes: {_count(len(f['shapes']))}{self._totals()}"))
         self._list(shapes, f["shapes"], self._shape, _others)
         if f["materials"]:
@@ -175,6 +182,28 @@ class _Text:
             others = rest(things[most:])
             colon = ": " if others else ""
             branch.add(_line(f"... and {_count(len(things) - most)} more{colon}{others}"))
+
+    def _choices(self, branch: Tree, name: str, value: Any) -> None:
+        """A member of a file's contents: one line, or one for each of several of a kind."""
+        if isinstance(value, Mapping) and any(isinstance(v, Mapping) for v in value.values()):
+            inner = branch.add(_line(f"{name}: {_count(len(value))}"))
+            self._list(inner, list(value.items()), lambda t, x: self._choices(t, *x), lambda _: "")
+        else:
+            branch.add(_line(f"{name}: {self._words(value)}"))
+
+    def _words(self, value: Any) -> str:
+        if isinstance(value, Mapping):
+            most = len(value) if self.most is None else self.most
+            shown = [(_clip(name), self._words(v)) for name, v in [*value.items()][:most]]
+            more = [f"and {_count(len(value) - most)} more"] if len(value) > most else []
+            if all(isinstance(v, (int, float)) for v in value.values()):
+                return ", ".join([*(f"{name} ({number})" for name, number in shown), *more])
+            return "; ".join([*(f"{name} {words}" for name, words in shown), *more])
+        if isinstance(value, (list, tuple)):
+            return ", ".join(map(self._words, value)) or "none"
+        if isinstance(value, float):
+            return f"{value:.6g}"
+        return "none" if value is None else _count(value) if isinstance(value, int) else str(value)
 
     def _totals(self) -> str:
         f = self.found

@@ -55,6 +55,11 @@ def add_loading(parser: argparse.ArgumentParser, required: bool = False) -> None
         metavar="NAME",
         help="which of a glTF scene's sets of materials it has; of a USD stage SET=NAME,...",
     )
+    group.add_argument(
+        "--camera",
+        metavar="NAME",
+        help="of a glTF or USD file's cameras this one; of USD a path too; `info` lists them",
+    )
     group = parser.add_argument_group("view and light")
     group.add_argument(
         "--view",
@@ -199,6 +204,7 @@ def load_options(args: argparse.Namespace) -> LoadOptions:
         environment=args.environment,
         time=args.time,
         variant=args.variant,
+        camera=args.camera,
     )
 
 

@@ -17,6 +17,9 @@ A format module has these names:
                 of particles, if its files have frames
     timeline(path: pathlib.Path, options: LoadOptions) -> Timeline, if its files have a scene at
                 every time instead
+    contents(path: pathlib.Path, options: LoadOptions) -> Mapping[str, Any] of what there is in the
+                file to choose from, for `parhelion info`, which prints numbers, text, and lists
+                and mappings of these, with underscores in names as spaces, if it has any
 
 and raises FormatError, its text beginning with the path, for a file that it cannot read. Modules
 are imported only when a file of theirs is loaded.
@@ -33,7 +36,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from importlib import import_module
 from math import isfinite
 from pathlib import Path
@@ -129,7 +132,8 @@ class LoadOptions:
     that bring no light, where the camera is not below it.
     time: seconds of a scene's animations; None for the pose that it is stored in. variant: the name
     of one of a scene's sets of materials, of USD "set=name" and more such after commas; None for
-    those that it begins with.
+    those that it begins with. camera: the name of one in the file, of USD its path too; None for
+    the one that the file says, else the first.
     """
 
     color_by: str | None = None
@@ -151,6 +155,7 @@ class LoadOptions:
     up: str | None = None
     time: float | None = None
     variant: str | None = None
+    camera: str | None = None
 
     def __post_init__(self) -> None:
         """Refuses what would be taken for something else."""
@@ -181,7 +186,9 @@ def _dict(name: str, value: Any) -> None:
 
 # What an option must be, where None is not what it is left as
 _CHECKS: Mapping[str, Callable[[str, Any], object]] = {
-    **dict.fromkeys(("color_by", "colormap", "style", "view", "up", "variant"), arguments.text),
+    **dict.fromkeys(
+        ("color_by", "colormap", "style", "view", "up", "variant", "camera"), arguments.text
+    ),
     **dict.fromkeys(("ground", "box", "wrap", "strict"), arguments.flag),
     **dict.fromkeys(("frame", "time"), _finite),
     "color_range": arguments.pair,
@@ -214,16 +221,21 @@ class Timeline:
 
 
 def load(
-    path: str | os.PathLike[str], options: LoadOptions | None = None, *, studio: bool = True
+    path: str | os.PathLike[str],
+    options: LoadOptions | None = None,
+    *,
+    studio: bool = True,
+    **more: Any,
 ) -> Scene:
     """Reads a scene or a particle file; which format is told by the ending of its name.
 
-    studio: what lacks a view and light, and is of a format whose files often do, gets some.
+    studio: what lacks a view and light, and is of a format whose files often do, gets some. more:
+    fields of LoadOptions, such as color_by or time, beside or in the place of options.
 
     Raises FormatError for a file that is missing, broken or of no known format, and ResourceError,
     before it is read, for one that would take more memory than is free.
     """
-    file, module, options = resolved(path, options)
+    file, module, options = resolved(path, options_of(options, more) if more else options)
     scene = read(module, file, options)
     from ..studio import dressed
 
@@ -236,6 +248,32 @@ def load(
         glow=getattr(module, "GLOW", 0.0),
         standing=getattr(module, "GROUND", ()),
     )
+
+
+def contents(
+    path: str | os.PathLike[str], options: LoadOptions | None = None
+) -> Mapping[str, Any] | None:
+    """What there is in a file to choose from, by what docs/reference.md calls it; None of formats
+    that show all they have in the scene.
+
+    Raises FormatError for a file that is missing or broken.
+    """
+    file, module, options = resolved(path, options)
+    if not hasattr(module, "contents"):
+        return None
+    with reading(file):
+        found: Mapping[str, Any] = module.contents(file, options)
+    return found
+
+
+def options_of(options: LoadOptions | None, more: Mapping[str, Any]) -> LoadOptions:
+    """Options with some that are given by name. Raises SceneError for a name that there is not."""
+    known = [given.name for given in fields(LoadOptions)]
+    for name in more:
+        if name not in known:
+            raise SceneError(unknown_name("option", name, known))
+    options = LoadOptions() if options is None else options
+    return replace(arguments.instance("options", options, LoadOptions), **more)
 
 
 def source_of(file: Path, options: LoadOptions) -> Source:
@@ -271,6 +309,8 @@ def resolved(
         raise FormatError(f"{file}: no such file{';' + hint.rstrip() if 'mean' in hint else ''}")
     if file.is_dir():
         raise FormatError(f"{file}: is a folder, not a scene file")
+    if not file.is_file():  # a device or a pipe, which may never end
+        raise FormatError(f"{file}: is not a regular file")
     suffixes = [s.lower() for s in file.suffixes]
     packed = bool(suffixes) and suffixes[-1] in COMPRESSED
     if packed:

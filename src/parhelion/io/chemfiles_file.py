@@ -65,17 +65,27 @@ def read(path: Path, frame: int = 0, assembly: int | None = None) -> Particles:
     file. Raises FormatError for a file that is broken or has no such frame or assembly, or without
     chemfiles.
     """
-    with _opened(path, assembly) as frames:
+    with _opened(path, assembly, _Records()) as frames:
         return frames.read(frame_index(path, frame, frames.count))
+
+
+def contents(path: Path, options: LoadOptions) -> dict[str, Any]:
+    """What one frame has, and can be coloured by, and assemblies. Raises FormatError."""
+    records = _Records()
+    with _opened(path, None, records) as frames:
+        found = frames.read(frame_index(path, int(options.frame), frames.count))
+    assemblies = records.contents()
+    return particles.contents(found) | ({"assemblies": assemblies} if assemblies else {})
 
 
 def trajectory(path: Path, options: LoadOptions) -> AbstractContextManager[Trajectory]:
     """All frames. Raises FormatError as read() does."""
-    return _opened(path, options.assembly)
+    return _opened(path, options.assembly, _Records())
 
 
 @contextmanager
-def _opened(path: Path, assembly: int | None) -> Iterator[Trajectory]:
+def _opened(path: Path, assembly: int | None, records: _Records) -> Iterator[Trajectory]:
+    """The file's frames; records: what is filled with the rest that is read of it."""
     try:
         import chemfiles
     except ImportError:
@@ -83,7 +93,6 @@ def _opened(path: Path, assembly: int | None) -> Iterator[Trajectory]:
             f"{path}: PDB and GRO files need chemfiles: pip install chemfiles"
         ) from None
     with ExitStack() as stack:
-        records = _Records()
         copy = stack.enter_context(_plain_copy(path, records))
         errors = _Errors(path, copy, chemfiles)
         with errors.named():
@@ -210,6 +219,16 @@ class _Records:
         if not any(len(copies.transforms) and copies.chosen.any() for copies in found):
             raise SceneError(f"assembly {assembly} has no chain that is in the file, or no BIOMT")
         return found
+
+    def contents(self) -> dict[str, dict[str, Any]]:
+        """Of each assembly, by its number: the chains, and how many copies it has of them."""
+        return {
+            str(number): {
+                "chains": sorted({c.decode("latin-1") for chains, _ in parts for c in chains}),
+                "copies": sum(len(rows) for _, rows in parts),
+            }
+            for number, parts in self._assemblies().items()
+        }
 
     def _assemblies(self) -> dict[int, list[tuple[set[bytes], dict[str, list[bytes]]]]]:
         """Of each assembly, by its number: chains, and of these the three rows of each matrix."""

@@ -12,10 +12,11 @@ from . import require_memory
 
 log = logging.getLogger("parhelion")
 
-# Text and meshes pack some ten times at most. What unpacks to more than so many times its size, and
-# to more than so many bytes, is made to fill the memory.
+# Text and meshes pack some ten times, those that repeat themselves some hundred times more. What
+# unpacks to more than so many times its size, and to more than so many bytes, is made to fill the
+# memory.
 _RATIO = 20
-_ALWAYS = 1 << 24
+_ALWAYS = 1 << 26
 # Bytes of one file
 _LARGEST = 1 << 32
 # Of integrators that follow light from its sources too, often chosen for caustics

@@ -30,7 +30,7 @@ from ..scene import (
     Vec3,
 )
 from ..studio import axis, dressed, framing, is_dark, up_of
-from . import FORMATS, LoadOptions, Timeline, reading, require_memory, resolved, source_of
+from . import FORMATS, LoadOptions, Timeline, options_of, reading, require_memory, resolved, source_of
 from .text import Trajectory
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ def load_frames(
     options: LoadOptions | None = None,
     *,
     fps: float | None = None,
+    **more: Any,
 ) -> Frames:
     """The frames of a trajectory, or of an animated scene, as scenes.
 
@@ -64,7 +65,7 @@ def load_frames(
     as "1..240" or "1..240..2", with both ends. Of a trajectory frames are counted from 0. Of USD
     the numbers are time codes and of glTF seconds, which need not be whole nor positive; what is
     left out are the file's first and last time, both included, and steps of one time code, or of
-    1 / fps seconds. options: as of load(), but for `frame` and `time`. fps: pictures a second; None
+    1 / fps seconds. options, more: as of load(), but for `frame` and `time`. fps: pictures a second; None
     for the file's speed, and 30 where it has none.
 
     The file is read once here, for what all frames have in common, and again when the scenes are
@@ -72,7 +73,7 @@ def load_frames(
 
     Raises FormatError for a file that is missing, broken or has no such frames.
     """
-    file, module, chosen = resolved(path, options)
+    file, module, chosen = resolved(path, options_of(options, more) if more else options)
     if not hasattr(module, "trajectory") and not hasattr(module, "timeline"):
         raise FormatError(
             f"{file}: frames of {module.NAME} files are not read (choices: {', '.join(_known())})"
@@ -166,6 +167,14 @@ class Frames(ABC):
     def __iter__(self) -> Iterator[Scene]:
         """The scenes, each read when it is asked for."""
         return self.scenes(range(len(self)))
+
+    def __getitem__(self, place: int) -> Scene:
+        """One of the scenes, from 0 on; -1 is the last. Raises IndexError."""
+        count, at = len(self), index(place)
+        if not -count <= at < count:
+            raise IndexError(f"there are {count} frames")
+        (scene,) = self.scenes([at % count])
+        return scene
 
     def _source(self, place: int) -> Source | None:
         """Of one of the scenes; None for those that are of no file."""

@@ -68,6 +68,11 @@ def read(path: Path, frame: int = 0) -> Particles:
         return frames.read(frame_index(path, frame, frames.count))
 
 
+def contents(path: Path, options: LoadOptions) -> dict[str, Any]:
+    """What one frame has, and can be coloured by. Raises FormatError."""
+    return particles.contents(read(path, int(options.frame)))
+
+
 def trajectory(path: Path, _: LoadOptions) -> AbstractContextManager[Trajectory]:
     """All frames. Raises FormatError as read() does."""
     return _opened(path)

@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,11 @@ def read(path: Path, frame: int = 0) -> Particles:
     Raises FormatError for a file that is broken or has no such frame.
     """
     return text_frame(path, frame, _skip, _frame)
+
+
+def contents(path: Path, options: LoadOptions) -> dict[str, Any]:
+    """What one frame has, and can be coloured by. Raises FormatError."""
+    return particles.contents(read(path, int(options.frame)))
 
 
 def trajectory(path: Path, _: LoadOptions) -> AbstractContextManager[Trajectory]:

@@ -70,6 +70,12 @@ def load(path: Path, options: LoadOptions) -> Scene:
     return to_scene(read(path), options, path.name)
 
 
+def contents(path: Path, options: LoadOptions) -> dict[str, Any]:
+    """What is in the archive. Raises FormatError."""
+    frame_index(path, int(options.frame), 1)
+    return particles.contents(read(path))
+
+
 def read(path: Path) -> Particles:
     """The particles of an archive. Raises FormatError for one that is broken or has none."""
     with errors_name(path):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import SceneError
-from ..io import LoadOptions, check_options, load
+from ..io import check_options, load, options_of
 from ..io.frames import Frames, ParticleFrames, checked_fps
 from ..io.text import Trajectory
 from ..particles import OPTIONS as OF_PARTICLES
@@ -52,7 +52,7 @@ def scene_of(thing: Any, **options: Any) -> Scene:
 
     Raises SceneError for an object of none of these kinds, and for one that makes no scene.
     """
-    chosen = _options(options)
+    chosen = options_of(None, options)
     if isinstance(thing, (str, PathLike)):
         return load(thing, chosen)
     if isinstance(thing, Scene):
@@ -90,7 +90,7 @@ def frames_of(
 
     Raises SceneError for an object of another kind, and as load_frames() does.
     """
-    chosen = _options(options)
+    chosen = options_of(None, options)
     check_options(chosen, _POINTS, f"objects of type {_named(thing)}")
     opened: Callable[[], AbstractContextManager[Trajectory]]
     if _has("atoms", "universe")(thing):
@@ -104,13 +104,6 @@ def frames_of(
         )
     rate = None if fps is None else checked_fps(fps)
     return ParticleFrames(opened, _named(thing), chosen, frames, rate)
-
-
-def _options(options: dict[str, Any]) -> LoadOptions:
-    try:
-        return LoadOptions(**options)
-    except TypeError as error:
-        raise SceneError(f"options of a scene: {error}") from None
 
 
 def _has(*names: str) -> Callable[[Any], bool]:

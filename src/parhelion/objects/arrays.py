@@ -15,6 +15,8 @@ def floats(values: Any) -> Any:
     """As an array of single or double precision. Raises SceneError for anything else."""
     try:
         array = np.asarray(values)
+        if array.dtype.kind in "bc":  # True is no place, and what is imaginary would be lost
+            raise TypeError
         if array.dtype not in (np.float32, np.float64):
             array = array.astype(np.float64)
     except (TypeError, ValueError):

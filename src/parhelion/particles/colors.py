@@ -99,9 +99,12 @@ def _kinds(labels: Labels, colors: NDArray[np.float32], what: str) -> _Kinds:
 
 def swatches(label: str, kinds: Mapping[str, Vec3]) -> Swatches:
     """In the order of their numbers or names."""
-    return Swatches(
-        label, tuple(sorted(kinds.items(), key=lambda k: (len(k[0]) * k[0].isdecimal(), k[0])))
-    )
+    return Swatches(label, tuple((name, kinds[name]) for name in sorted(kinds, key=in_order)))
+
+
+def in_order(name: str) -> tuple[int, str]:
+    """The key by which kinds are sorted: others by name, then numbers by value."""
+    return len(name) * name.isdecimal(), name
 
 
 def field_of(particles: Particles, name: str) -> NDArray[Any] | Labels:

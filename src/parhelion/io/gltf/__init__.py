@@ -10,6 +10,7 @@ make the rest, and `reader` puts it all together. `writing` goes the other way, 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from ...scene import Instances, Mesh, Scene
 from .. import LoadOptions, Timeline
@@ -18,7 +19,7 @@ from ..files import Reports
 NAME = "glTF"
 SUFFIXES = (".gltf", ".glb")
 PACKED = False
-OPTIONS = ("time", "variant")
+OPTIONS = ("time", "variant", "camera")
 BARE = True
 GLOW = 1.0  # brighter needs KHR_materials_emissive_strength
 GROUND = (Mesh, Instances)
@@ -52,6 +53,13 @@ def timeline(path: Path, options: LoadOptions) -> Timeline:
             return reader.scene(time)
 
     return Timeline("time", "seconds", 1.0, None, animation.ends(reader.source), read)
+
+
+def contents(path: Path, options: LoadOptions) -> dict[str, Any]:
+    """Variants, cameras and animations by name. Raises FormatError."""
+    from .reader import Reader
+
+    return Reader(path, options).contents()
 
 
 def save(scene: Scene, path: Path, reports: Reports) -> None:

@@ -20,22 +20,37 @@ def ends(s: Source) -> tuple[float, float]:
 
     Raises FormatError for a file without animations.
     """
-    used = [
-        (i, k)
-        for i, animation in enumerate(s.document.animations)
-        for k in dict.fromkeys(channel.sampler for channel in animation.channels)
-    ]
+    found = [own for i in range(len(s.document.animations)) if (own := _ends(s, i))]
+    if not found:
+        raise s.error("has no animations, and so no frames")
+    return min(first for first, _ in found), max(last for _, last in found)
+
+
+def seconds(s: Source) -> dict[str, float]:
+    """The last time, in seconds, at which each animation changes anything, by their names.
+
+    Raises FormatError.
+    """
+    found: dict[str, float] = {}
+    for i, animation in enumerate(s.document.animations):
+        name = animation.name
+        if not name or name in found:
+            name = f"animations[{i}]"
+        found[name] = (_ends(s, i) or (0.0, 0.0))[1]
+    return found
+
+
+def _ends(s: Source, index: int) -> tuple[float, float] | None:
+    """The first and the last time of one animation; None if it has no keys."""
+    animation = s.document.animations[index]
     first, last = np.inf, -np.inf
-    for i, k in used:
-        where = f"animations[{i}].samplers[{k}]"
-        samplers = s.document.animations[i].samplers
-        sampler = s.item(samplers, f"animations[{i}].samplers", k, f"animations[{i}].channels")
-        keys = accessors.floats(s, sampler.input, f"{where}.input")
+    for k in dict.fromkeys(channel.sampler for channel in animation.channels):
+        where = f"animations[{index}]"
+        sampler = s.item(animation.samplers, f"{where}.samplers", k, f"{where}.channels")
+        keys = accessors.floats(s, sampler.input, f"{where}.samplers[{k}].input")
         if len(keys):
             first, last = min(first, float(keys.min())), max(last, float(keys.max()))
-    if not first <= last:
-        raise s.error("has no animations, and so no frames")
-    return first, last
+    return (first, last) if first <= last else None
 
 
 def at_time(s: Source, time: float) -> Properties:

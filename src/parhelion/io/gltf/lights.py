@@ -90,12 +90,10 @@ def _direction(s: Source, vector: NDArray[np.float64], where: str) -> NDArray[np
 def camera(
     s: Source, seen: list[int], world: NDArray[np.float64]
 ) -> tuple[Camera | None, Settings]:
-    """The first camera of the scene, and a picture of its proportions."""
+    """The camera of these nodes, the first of several, and a picture of its proportions."""
     nodes = [i for i in seen if s.document.nodes[i].camera is not None]
     if not nodes:
         return None, Settings()
-    if len(nodes) > 1:
-        s.report(f"{len(nodes)} cameras: only the first, of nodes[{nodes[0]}], is used")
     index = s.document.nodes[nodes[0]].camera
     assert index is not None
     found = s.item(s.document.cameras, "cameras", index, f"nodes[{nodes[0]}].camera")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...errors import option, unknown_name
 from ...scene import Curves, Instances, Mesh, Scene, Shape, Solid, Spheres
 from .. import LoadOptions
-from . import accessors, lights, meshes, nodes, schema
+from . import accessors, animation, lights, meshes, nodes, schema
 from .materials import Materials, uv_name
 from .meshes import Geometry
 from .source import Source
@@ -47,7 +47,7 @@ class Reader:
         shapes = self._shapes(placed)
         low, high = _bounds(placed)
         found = lights.read(s, tree.seen, tree.world, 0.5 * (low + high))
-        camera, settings = lights.camera(s, tree.seen, tree.world)
+        camera, settings = lights.camera(s, self._camera(tree.seen), tree.world)
         s.reports.tell()
         return Scene(
             shapes=tuple(shapes),
@@ -58,6 +58,60 @@ class Reader:
             settings=settings,
             name=s.path.name,
         )
+
+    # What there is to choose from
+
+    def contents(self) -> dict[str, Any]:
+        """Variants, cameras and animations by name. Raises FormatError."""
+        s = self.source
+        found: dict[str, Any] = {}
+        variants = self._variants()
+        if variants:
+            found["variants"] = {"names": variants, "used": self.options.variant}
+        seen = nodes.read(s, None).seen
+        names = {node: name for name, node in reversed(self._cameras(seen).items())}
+        if names:
+            used = names[self._camera(seen)[0]]
+            found["cameras"] = {"names": [names[i] for i in seen if i in names], "used": used}
+        if s.document.animations:
+            found["animation_seconds"] = animation.seconds(s)
+        return found
+
+    def _variants(self) -> list[str]:
+        s = self.source
+        known = s.extension(s.document, "KHR_materials_variants", schema.Variants, "$")
+        return [v.name for v in known.variants] if known else []
+
+    def _variant(self) -> int | None:
+        names = self._variants()
+        if self.options.variant is None:
+            return None
+        if self.options.variant not in names:
+            raise self.source.error(unknown_name("variant", self.options.variant, names))
+        return names.index(self.options.variant)
+
+    def _cameras(self, seen: list[int]) -> dict[str, int]:
+        """The nodes with a camera, by its name and by theirs; of several of a name the first, and
+        by "nodes[i]" where neither tells them apart.
+        """
+        s = self.source
+        found: dict[str, int] = {}
+        for i in seen:
+            node = s.document.nodes[i]
+            if node.camera is None:
+                continue
+            camera = s.item(s.document.cameras, "cameras", node.camera, f"nodes[{i}].camera")
+            free = [n for n in (camera.name, node.name) if n and n not in found]
+            found.update(dict.fromkeys(free or [f"nodes[{i}]"], i))
+        return found
+
+    def _camera(self, seen: list[int]) -> list[int]:
+        """The node of the camera that is used; none in a scene without."""
+        known = self._cameras(seen)
+        wanted = self.options.camera
+        if wanted is not None and wanted not in known:
+            raise self.source.error(unknown_name("camera", wanted, known))
+        return list(known.values())[:1] if wanted is None else [known[wanted]]
 
     # What is where
 
@@ -94,16 +148,6 @@ class Reader:
                 if len(geometry.corners) and len(where):
                     found.append((name, geometry, where))
         return found
-
-    def _variant(self) -> int | None:
-        s = self.source
-        known = s.extension(s.document, "KHR_materials_variants", schema.Variants, "$")
-        names = [v.name for v in known.variants] if known else []
-        if self.options.variant is None:
-            return None
-        if self.options.variant not in names:
-            raise s.error(unknown_name("variant", self.options.variant, names))
-        return names.index(self.options.variant)
 
     def _copies(self, index: int, node: schema.Node, matrix: Matrices) -> Matrices:
         """(N, 4, 4): where the mesh of a node is: once, or by EXT_mesh_gpu_instancing."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 from ...errors import FormatError
 from ...scene import Cylinders, Disks, Instances, Mesh, Scene, Spheres
@@ -18,7 +19,7 @@ from ..files import Folders, Reports
 NAME = "USD"
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 PACKED = False
-OPTIONS = ("frame", "variant")
+OPTIONS = ("frame", "variant", "camera")
 TIME_CODES = True
 BARE = True
 GROUND = (Mesh, Instances, Spheres, Disks, Cylinders)
@@ -39,20 +40,13 @@ def timeline(path: Path, options: LoadOptions) -> Timeline:
     """Time codes, one a picture, from the stage's first to its last. Raises FormatError."""
     import numpy as np
 
-    try:
-        import pxr.Usd  # noqa: F401
-    except ImportError:
-        raise FormatError(
-            f"{path}: USD files need the usd-core package: pip install usd-core"
-        ) from None
+    folders, reports = Folders(path.parent, options.allow_paths), Reports(path, options.strict)
+    stage = _opened(path, options, folders, reports)
     from .images import Images
     from .reader import Reader
-    from .stage import guarded, opened
+    from .stage import guarded
 
-    folders, reports = Folders(path.parent, options.allow_paths), Reports(path, options.strict)
     images = Images(folders)
-    with guarded(path):
-        stage = opened(path, options, folders, reports)
 
     def read(time: float) -> Scene:
         with np.errstate(all="ignore"), guarded(path):
@@ -65,3 +59,48 @@ def timeline(path: Path, options: LoadOptions) -> Timeline:
     if not (isfinite(rate) and rate > 0.0):
         rate = _RATE
     return Timeline("frame", "time codes", rate, 1.0, ends, read)
+
+
+def contents(path: Path, options: LoadOptions) -> dict[str, Any]:
+    """Sets of variants by name, and cameras by path. Raises FormatError."""
+    folders, reports = Folders(path.parent, options.allow_paths), Reports(path, options.strict)
+    stage = _opened(path, options, folders, reports)
+    from . import cameras
+    from .stage import guarded
+
+    found: dict[str, Any] = {}
+    sets: dict[str, dict[str, list[str]]] = {}
+    with guarded(path):
+        for prim in stage.TraverseAll():
+            for own in map(prim.GetVariantSet, prim.GetVariantSets().GetNames()):
+                there = sets.setdefault(own.GetName(), {"names": [], "used": []})
+                used = [own.GetVariantSelection()]  # an empty name where there is none
+                for name, more in (("names", own.GetVariantNames()), ("used", used)):
+                    there[name] += [v for v in more if v and v not in there[name]]
+        paths = cameras.paths(stage, options.frame)
+        if sets:
+            found["variant_sets"] = sets
+        if paths:
+            found["cameras"] = {
+                "names": list(map(str, paths)),
+                "used": str(cameras.choice(stage, paths)),
+            }
+    return found
+
+
+def _opened(path: Path, options: LoadOptions, folders: Folders, reports: Reports) -> Any:
+    """The stage, with the choices of the options. Raises FormatError."""
+    try:
+        import pxr.Usd  # noqa: F401
+    except ImportError:
+        raise FormatError(
+            f"{path}: USD files need the usd-core package: pip install usd-core"
+        ) from None
+    from . import cameras
+    from .stage import guarded, opened
+
+    with guarded(path):
+        stage = opened(path, options, folders, reports)
+        if options.camera is not None:
+            cameras.ask_for(stage, options.camera)
+    return stage

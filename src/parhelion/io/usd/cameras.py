@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pxr import Sdf, UsdGeom, UsdRender
+from pxr import Sdf, Usd, UsdGeom, UsdRender
 
+from ...errors import SceneError, unknown_name
 from ...scene import Camera, Settings
 from ...studio import with_up
 
@@ -17,28 +19,73 @@ if TYPE_CHECKING:
 # Prims that are boundable or describe what is rendered, but are not seen
 UNSEEN = ("SkelRoot", "RenderSettings", "RenderProduct", "RenderVar", "RenderPass")
 
+# Purposes of prims that the reader shows
+_SHOWN = ("default", "render")
+
 # Focal lengths and apertures are in tenths of the stage's unit
 _TENTH = 0.1
 
 
-def chosen(r: Reader) -> tuple[Camera | None, Settings | None]:
-    """The camera that the stage names, else its first, and the size of the picture."""
-    settings = UsdRender.Settings.GetStageRenderSettings(r.stage)
+# Where the session layer, which is not part of the file, has the name that the user asked for
+_ASKED = "parhelion:camera"
+
+
+def ask_for(stage: Any, name: str) -> None:
+    """Has choice() take the camera of this name or path."""
+    layer = stage.GetSessionLayer()
+    layer.customLayerData = {**layer.customLayerData, _ASKED: name}
+
+
+def choice(stage: Any, known: Sequence[Any]) -> Any:
+    """Which of the cameras at these paths is used: the one that was asked for, of several of a name
+    the first; else the one that the stage names; else the first of all; None if there are none.
+
+    Raises SceneError for a name of none.
+    """
+    wanted = stage.GetSessionLayer().customLayerData.get(_ASKED)
+    if wanted is not None:
+        found = [path for path in known if wanted in (path.name, str(path))]
+        if not found:
+            choices = {str(path) if wanted.startswith("/") else path.name for path in known}
+            raise SceneError(unknown_name("camera", wanted, choices))
+        return found[0]
+    settings = UsdRender.Settings.GetStageRenderSettings(stage)
     named = settings.GetCameraRel().GetForwardedTargets() if settings else []
-    bound = r.stage.GetRootLayer().customLayerData.get("cameraSettings", {})
+    bound = stage.GetRootLayer().customLayerData.get("cameraSettings", {})
     if not named and isinstance(bound, dict) and bound.get("boundCamera"):
         text = str(bound["boundCamera"])
         named = [Sdf.Path(text)] if Sdf.Path.IsValidPathString(text) else []
+    return next((path for path in (*(p for p in known if p in named), *known)), None)
+
+
+def paths(stage: Any, time: float) -> list[Any]:
+    """Where the cameras are that can be used at a time code: those that are not hidden nor in
+    instances.
+    """
+    found = []
+    prims = iter(Usd.PrimRange.Stage(stage))
+    for prim in prims:
+        image = UsdGeom.Imageable(prim)
+        hidden = image and image.GetVisibilityAttr().Get(time) == "invisible"
+        if hidden or prim.IsA(UsdGeom.PointInstancer):
+            prims.PruneChildren()
+        elif prim.IsA(UsdGeom.Camera) and image.ComputePurpose() in _SHOWN:
+            found.append(prim.GetPath())
+    return found
+
+
+def chosen(r: Reader) -> tuple[Camera | None, Settings | None]:
+    """The camera that choice() takes, and the size of the picture. Raises SceneError."""
+    settings = UsdRender.Settings.GetStageRenderSettings(r.stage)
     size = None
     if settings:
         with r.naming(settings.GetPrim()):
             size = _size(settings.GetResolutionAttr().Get(r.time))
-    if not r.cameras:
+    placed = {prim.GetPath(): (prim, matrix) for prim, matrix in r.cameras}
+    path = choice(r.stage, list(placed))
+    if path is None:
         return None, _settings(size, None)
-    found = [pair for pair in r.cameras if pair[0].GetPath() in named]
-    prim, matrix = (found or r.cameras)[0]
-    if not found and len(r.cameras) > 1:
-        r.report(f"{len(r.cameras)} cameras: the first, {prim.GetPath()}, is used")
+    prim, matrix = placed[path]
     with r.naming(prim):
         camera, aspect = _camera(r, prim, matrix)
     return with_up(camera, r.up), _settings(size, aspect)
