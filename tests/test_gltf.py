@@ -145,6 +145,14 @@ def test_a_triangle_is_where_its_nodes_put_it(read: Any) -> None:
     assert isinstance(scene.camera, ph.Framing)
 
 
+def test_a_rotation_of_nothing_but_zeros(read: Any) -> None:
+    f = File()
+    f.add("nodes", translation=[1, 0, 0])
+    f.add("nodes", mesh=f.mesh(), rotation=[0, 0, 0, 0])
+    with pytest.raises(FormatError, match=r"nodes\[1\].rotation: is 0 0 0 0, which is no rota"):
+        read(f)
+
+
 def test_a_glb_is_the_same_scene(read: Any, tmp_path: Path) -> None:
     f = File()
     f.add("nodes", mesh=f.mesh())

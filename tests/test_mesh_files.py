@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import parhelion as ph
+from parhelion import _core
+from parhelion.flatten import block
 from parhelion.io.meshes import off, smooth_normals, split_at_creases, stl
 
 # The corners of a cube, and its sides, counter-clockwise from outside
@@ -223,6 +225,49 @@ def test_ply_with_colours_packed(tmp_path: Path) -> None:
         ph.load(path, ph.LoadOptions(radius=2.0))
 
 
+FIELDS = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+property float quality
+property float color
+property uchar red
+property uchar green
+property uchar blue
+property float flow_x
+property float flow_y
+property float flow_z
+element face 1
+property list uchar int vertex_indices
+property short part
+end_header
+0 0 0 1 7 255 0 0 1 2 3
+1 0 0 2 7 0 255 0 4 5 6
+0 1 0 HERE 7 0 0 255 7 8 9
+3 0 1 2 5
+"""
+
+
+def test_ply_keeps_its_fields(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = write(tmp_path, "a.ply", FIELDS.replace("HERE", "3"))
+    for _ in range(2):  # the second time as we write it
+        found = the_mesh(path).attributes
+        assert set(found) == {"vertex_color", "vertex_quality", "vertex_flow", "face_part"}
+        np.testing.assert_array_equal(found["vertex_color"], np.eye(3))
+        np.testing.assert_array_equal(found["vertex_quality"], [1, 2, 3])
+        np.testing.assert_array_equal(found["vertex_flow"], np.arange(1, 10).reshape(3, 3))
+        np.testing.assert_array_equal(found["face_part"], [5])
+        ph.save(ph.load(path), tmp_path / "b.ply")
+        path = tmp_path / "b.ply"
+    assert "field 'color' of 'vertex': there are colours too; left out" in caplog.text
+    caplog.clear()
+    found = the_mesh(write(tmp_path, "a.ply", FIELDS.replace("HERE", "nan"))).attributes
+    assert "vertex_quality" not in found
+    assert "'quality' of 'vertex': not finite everywhere; left out" in caplog.text
+
+
 def test_a_bomb(tmp_path: Path) -> None:
     path = tmp_path / "a.ply.gz"
     path.write_bytes(gzip.compress(b"ply\n" + b" " * 2**27))
@@ -303,20 +348,48 @@ def test_statements(tmp_path: Path) -> None:
     m = material(tmp_path, "Kd 0.1 0.2 0.3\nKs 0.04 0.04 0.04\nNs 98\nillum 2\nNi 1.4")
     assert m.type == "principled"
     assert m.params["roughness"] == pytest.approx((2 / 100) ** 0.25)
-    assert m.params["specular"] == pytest.approx(1)
-    assert m.params["ior"] == 1.4
     m = material(tmp_path, "Pr 0.3\nPm 1\nPc 0.5\nPcr 0.1\naniso 0.2\nnorm wood fine.png\nKe 2 1 0")
     assert (m.params["roughness"], m.params["metallic"], m.params["clearcoat"]) == (0.3, 1, 0.5)
     assert m.params["emission"] == (2, 1, 0)
     assert m.params["normal_map"].params["image"] == image
     m = material(tmp_path, "illum 7\nTf 0.9 1 1\nNi 1.33\nd 0.1")
     assert (m.params["transmission"], m.params["ior"], m.params["color"]) == (1, 1.33, (0.9, 1, 1))
-    assert "opacity" not in m.params
+    assert not {"opacity", "specular"} & set(m.params)  # it bends light, without any Ks too
     m = material(tmp_path, "bump -bm 0.5 wood fine.png")
     assert m.params["bump_map"].params["color1"] == (0.5, 0.5, 0.5)
     m = material(tmp_path, "d 0.5\nmap_d wood fine.png")
     assert m.params["opacity"].params["color0"].params["image"] == image
     assert m.params["opacity"].params["color1"] == (0.5, 0.5, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("diffuse", "specular", "wanted"),
+    [
+        ((0.6, 0.1, 0.1), (0.04, 0.04, 0.04), (0.04, 0.04, 0.04)),
+        ((0.6, 0.1, 0.1), (0.01, 0.02, 0.02), (0.01, 0.02, 0.02)),
+        ((0.0, 0.0, 0.0), (0.05, 0.05, 0.05), (0.05, 0.05, 0.05)),
+        ((1.0, 1.0, 1.0), (1.0, 0.5, 0.5), (0.08, 0.04, 0.04)),  # a highlight for show
+        ((0.0, 0.0, 0.0), (1.0, 0.8, 0.3), (1.0, 0.8, 0.3)),  # gold
+        ((0.05, 0.05, 0.0), (1.0, 0.8, 0.3), (1.0, 0.8, 0.3)),
+    ],
+)
+def test_ks_is_reflected_at_normal_incidence(
+    tmp_path: Path, diffuse: Any, specular: Any, wanted: Any
+) -> None:
+    def words(name: str, color: Any) -> str:
+        return " ".join((name, *map(str, color)))
+
+    m = material(tmp_path, f"{words('Kd', diffuse)}\n{words('Ks', specular)}\nNs 100000\nNi 1\n")
+    made = block("materials", m.type, dict(m.params), "test")
+    straight = (0.0, 0.0, 1.0)
+    wi, weight, *_ = _core.bsdf_sample(made, straight, 3, 100_000)
+    glossy = wi[:, 2] > 0.9
+    # what is matte sends a fifth of its light, 1 - 0.9^2, into this cone too
+    metal = m.params.get("metallic", 0.0) == 1.0
+    matte = 0.0 if metal else np.array(diffuse) * (1 - max(wanted)) * 0.19
+    found = (weight * glossy[:, None]).mean(axis=0) - matte
+    np.testing.assert_allclose(found, wanted, atol=0.006)
+    assert (weight.mean(axis=0) < 1.0 + 1e-3).all()
 
 
 def test_comments_behind_statements(tmp_path: Path) -> None:

@@ -560,17 +560,19 @@ def test_materials_as_gltf(tmp_path: Path, given: ph.Material, read: Any) -> Non
 
 @pytest.mark.parametrize("roughness", [0.0, 0.3])
 def test_a_nonlinear_plastic_as_gltf_is_as_bright(tmp_path: Path, roughness: float) -> None:
-    color = (0.9, 0.5, 0.1)
-    pixels = np.full((2, 2, 3), color, np.float32)
-    for given in (color, ph.Texture("image", image=pixels, color_space="linear")):
+    whole = np.full((2, 2, 3), (243, 188, 89), np.uint8)
+    linear = np.float32(decode_srgb(whole / 255.0))
+    color = tuple(linear[0, 0].tolist())
+    for given in (color, *(ph.Texture("image", image=image) for image in (whole, linear))):
         params: dict[str, Any] = {"nonlinear": "on", "ior": 1.5, "roughness": roughness}
         material = ph.Material("plastic", color=given, **params)
         ph.save(ph.Scene([replace(torus(), material=material)], **LIT), tmp_path / "a.glb")
         (found,) = ph.load(tmp_path / "a.glb").materials.values()
         texture = found.params["color"]
         if isinstance(texture, ph.Texture):
-            stored = decode_srgb(read_pixels(texture.params["image"])[0, 0] / 65535.0)
-            found = ph.Material("principled", **{**found.params, "color": tuple(stored)})
+            stored = read_pixels(texture.params["image"])[0, 0]
+            again = tuple(decode_srgb(stored / np.iinfo(stored.dtype).max))
+            found = ph.Material("principled", **{**found.params, "color": again})
         material = ph.Material("plastic", color=color, **params)
         one, other = (scattered(m, 20_000, False)[0] for m in (material, found))
         np.testing.assert_allclose(other, one, atol=6e-3)

@@ -6,7 +6,7 @@ edge where they meet more sharply. Colours of vertices or faces are shown. Point
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -29,6 +29,8 @@ OPTIONS = ("up", *particles.OPTIONS)
 BARE = True
 GROUND = (Mesh,)
 
+# Attributes that are shown; of both, the first
+_COLORS = ("vertex_color", "face_color")
 # Steeper edges stay sharp, degrees
 _CREASE = 40.0
 # What is made for printers stands on the xy plane.
@@ -51,11 +53,12 @@ def load(path: Path, options: LoadOptions) -> Scene:
         reports = Reports(path, options.strict)
         for text in data.left_out:
             reports.add(text)
+        kept = _fields(data, reports) if len(data.faces) else []
         reports.tell()
         if not len(data.faces):
             return _points(path, data, options)
         try:
-            mesh = shaded(colored(data, options), path.stem)
+            mesh = shaded(colored(data, options), path.stem, keep=kept)
             legend = legend_of(data, options)
         except SceneError as error:
             raise FormatError(f"{path}: {error}") from None
@@ -91,7 +94,7 @@ def colored(data: MeshData, options: LoadOptions) -> MeshData:
         return data
     key, values = numbers_of(data.attributes, options.color_by)
     colors = particles.map_colors(values, options.colormap, options.color_range)
-    others = {k: v for k, v in data.attributes.items() if not k.endswith("_color")}
+    others = {k: v for k, v in data.attributes.items() if k not in _COLORS}
     return replace(data, attributes=others | {f"{key.partition('_')[0]}_color": colors})
 
 
@@ -117,9 +120,22 @@ def numbers_of(attributes: Mapping[str, Any], name: str) -> tuple[str, NDArray[n
     return known[name], np.linalg.norm(values, axis=1) if values.ndim == 2 else values
 
 
-def shaded(data: MeshData, name: str, material: Any = None) -> Mesh:
-    """The mesh with normals, and its colours as the material's, unless another is given."""
-    color = next((k for k in ("vertex_color", "face_color") if k in data.attributes), None)
+def _fields(data: MeshData, reports: Reports) -> list[str]:
+    """Attributes other than colours, without those that a mesh cannot have, which are told."""
+    names = [name for name in data.attributes if name not in _COLORS]
+    broken = [name for name in names if not np.isfinite(data.attributes[name]).all()]
+    for name in broken:
+        place, _, field = name.partition("_")
+        reports.add(f"{field!r} of {place!r}: not finite everywhere; left out")
+    return [name for name in names if name not in broken]
+
+
+def shaded(data: MeshData, name: str, material: Any = None, keep: Sequence[str] = ()) -> Mesh:
+    """The mesh with normals, and its colours as the material's, unless another is given.
+
+    keep: what else of its attributes the mesh gets.
+    """
+    color = next((k for k in _COLORS if k in data.attributes), None)
     if material is None:
         material = Material("diffuse")
         if color is not None:
@@ -132,7 +148,7 @@ def shaded(data: MeshData, name: str, material: Any = None) -> Mesh:
         normals=data.normals,
         uvs=data.uvs,
         material=material,
-        attributes={} if color is None else {color: data.attributes[color]},
+        attributes={k: data.attributes[k] for k in ([color] if color else []) + list(keep)},
         name=name,
     )
 

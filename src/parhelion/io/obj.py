@@ -49,6 +49,10 @@ _FLAGS = {
     "-blendu": 1, "-blendv": 1, "-bm": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1,
     "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1,
 }  # fmt: skip
+# Paint and plastic reflect no more than this at normal incidence: an index of 1.8. What has more is
+# a metal if its Kd is no more than this share of Ks; else Ks is the strength of a highlight, which
+# programs like to set to 0.5 or 1.
+_MOST_CLEAR, _MOST_MATTE = 0.08, 0.1
 _COMMENT = re.compile(r"(?:^|\s)#.*")
 
 
@@ -232,7 +236,8 @@ def _material(d: _Definition, reports: Reports) -> Material:
                 f"the multiplier of a bump map is {d.bump:g}, and must be above 0 and finite;"
                 " the map is ignored"
             )
-    shine = max(color("Ks", 0.0))
+    reflected = color("Ks", 0.0)
+    shine = max(reflected)
     modern = d.numbers.keys() & {"Pr", "Pm", "Ps", "Pc"} or d.maps.keys() & {"Pr", "Pm"}
     if not modern and not clear and (shine == 0.0 or illum < 2) and illum not in (3, 5):
         return Material("diffuse", **params)
@@ -249,17 +254,27 @@ def _material(d: _Definition, reports: Reports) -> Material:
         # Rough Surfaces", EGSR 2007, section 5.2; ours is the root of their alpha.
         exponent = number("Ns", 10.0, 1e6)
         params["roughness"] = (2.0 / (exponent + 2.0)) ** 0.25
-        if illum in (3, 5):  # a mirror, of the colour Ks
-            params |= {"metallic": 1.0, "color": color("Ks", 1.0), "roughness": 0.0}
-        else:
-            # Ks is what comes back at normal incidence, 0.04 of an index of 1.5
-            params["specular"] = min(shine / 0.04, 1.0)
-    if "Ni" in d.numbers:
-        params["ior"] = min(max(number("Ni", 1.5, 10.0), 1.0), 10.0)
     if clear:
-        tint = color("Tf", 1.0)
-        params |= {"transmission": 1.0, "color": tint, "roughness": 0.0}
+        params |= {"transmission": 1.0, "color": color("Tf", 1.0), "roughness": 0.0}
+    if clear or modern:
+        params["ior"] = max(number("Ni", 1.5, 10.0), 1.0)
+    elif illum in (3, 5):  # a mirror, of the colour Ks
+        params |= {"metallic": 1.0, "color": color("Ks", 1.0), "roughness": 0.0}
+    else:
+        params |= _reflection(base, reflected)
     return Material("principled", **params)
+
+
+def _reflection(base: Any, reflected: tuple[float, ...]) -> dict[str, Any]:
+    """What reflects this colour at normal incidence: a metal, or an interface over the base."""
+    most = max(reflected)
+    matte = 1.0 if isinstance(base, Texture) else max(base)
+    if most > _MOST_CLEAR and matte <= _MOST_MATTE * most:
+        return {"metallic": 1.0, "color": reflected}
+    # Ni has no say: many files have 1 there, which would reflect nothing.
+    root = math.sqrt(min(most, _MOST_CLEAR))
+    tint = tuple(share / most for share in reflected)
+    return {"ior": (1.0 + root) / (1.0 - root), "specular_color": tint}
 
 
 def _times(texture: Texture, color: tuple[float, ...]) -> Texture:

@@ -58,7 +58,11 @@ def _local(s: Source, animated: animation.Properties) -> Matrices:
             np.float64,
         )
 
-    local = placed(table("translation"), table("rotation"), table("scale"))
+    turns = table("rotation")
+    still = ~turns.any(axis=1)
+    if still.any():
+        raise s.error(f"nodes[{int(np.argmax(still))}].rotation: is 0 0 0 0, which is no rotation")
+    local = placed(table("translation"), turns, table("scale"))
     own = [i for i, node in enumerate(nodes) if node.matrix is not None]
     if own:
         local[own] = np.array([nodes[i].matrix for i in own]).reshape(-1, 4, 4).transpose(0, 2, 1)

@@ -147,13 +147,11 @@ class Materials:
             ior = self._plain(p["ior"], 1.5)
             body |= {"roughness": p["roughness"], "ior": ior, "pane": 1.0}
         elif kind == "plastic":
-            self._reports.add("plastic: not in glTF; written as a dielectric over its color")
-            self._drop(p, "nonlinear", "off", "plastic: nonlinear")
-            body |= {
-                "roughness": p["roughness"],
-                "ior": self._plain(p["ior"], 1.5),
-                "specular_color": p["specular"],
-            }
+            self._reports.add("plastic: not in glTF; written as a dielectric of the same albedo")
+            ior = self._plain(p["ior"], 1.5)
+            if p["nonlinear"] == "on":
+                base = self._deepened(base, _kept_within(ior))
+            body |= {"roughness": p["roughness"], "ior": ior, "specular_color": p["specular"]}
         elif kind == "diffuse_transmission":
             body["specular"] = 0.0
             base = self._sheet(draft, p)
@@ -255,6 +253,30 @@ class Materials:
         eta, k = (np.asarray(self._means(p[n]), np.float64) for n in ("eta", "k"))
         rest = ((eta - 1.0) ** 2 + k**2) / ((eta + 1.0) ** 2 + k**2)
         return self._product(p["color"], _triple(rest))
+
+    def _deepened(self, color: Any, within: float) -> Any:
+        """The colour whose share (1 - gloss) is the albedo of a nonlinear plastic of this colour.
+
+        within: the share that the coat throws back from within, k. Of the colour c the albedo is
+        (1 - gloss) c (1 - k) / (1 - k c); where c is not taken on again and again, (1 - gloss) c.
+        """
+
+        def deep(c: Any) -> Any:
+            return c * (1.0 - within) / (1.0 - within * np.clip(c, 0.0, 1.0))
+
+        parts = self._split(color)
+        if parts.attribute is not None:
+            self._reports.add("plastic: nonlinear is not in glTF; left out where attributes color")
+            return color
+        if parts.image is None:
+            return _triple(deep(parts.factor))
+        t = parts.image
+        made = deep(self._linear(t, self._is_srgb(t, False)) * np.float32(parts.factor))
+        placed = {n: t.params[n] for n in _MAPPING if n in t.params}
+        if self._read(t.params["image"]).dtype != np.uint8:
+            return Texture("image", image=made, color_space="linear", **placed)
+        whole = np.asarray(srgb_encoded(made) * np.float32(255.0) + np.float32(0.5), np.uint8)
+        return Texture("image", image=whole, color_space="srgb", **placed)
 
     def _sheet(self, draft: _Draft, p: dict[str, Any]) -> Triple:
         """A sheet's base colour. The extension's factor f divides light into what is reflected,
@@ -717,6 +739,18 @@ class Materials:
 
 def _key(image: Any) -> Any:
     return fspath(image) if isinstance(image, (str, PathLike)) else id(image)
+
+
+def _kept_within(ior: float) -> float:
+    """Share that a smooth interface throws back of diffuse light from its denser side."""
+    cosines, weights = np.polynomial.legendre.leggauss(64)
+    cosines = 0.5 * (cosines + 1.0)
+    sines = (1.0 - cosines**2) / ior**2
+    inner = np.sqrt(1.0 - sines)
+    s = (cosines - ior * inner) / (cosines + ior * inner)
+    p = (ior * cosines - inner) / (ior * cosines + inner)
+    outside = float(weights @ (cosines * (s**2 + p**2))) / 2.0  # of diffuse light from without
+    return 1.0 - (1.0 - outside) / ior**2
 
 
 def _shared(p: dict[str, Any], *names: str) -> dict[str, Any]:

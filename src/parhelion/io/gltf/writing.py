@@ -178,6 +178,7 @@ class _Writer:
 
     def _new_mesh(self, mesh: Mesh) -> int:
         faces = np.asarray(mesh.faces, np.uint32)
+        left = dict.fromkeys(mesh.attributes)
         if mesh.colors is not None:
             mesh = replace(mesh, attributes={**mesh.attributes, "face_colors": mesh.colors})
         primitives = []
@@ -186,8 +187,12 @@ class _Writer:
             if mesh.colors is not None:
                 material = self._in_color(given, Texture("attribute", name="face_colors"))
             surface = self._materials.surface(material, _thickness(mesh.vertices))
+            for name in (*surface.sets, surface.color, surface.alpha):
+                left.pop(name or "", None)
             part = faces if own is None else faces[own]
             primitives.append(self._primitive(mesh, part, own, surface))
+        for name in left:
+            self._reports.add(f"attribute {name!r}: no material shows it; left out")
         return self.builder.add("meshes", {"name": text(mesh.name), "primitives": primitives})
 
     def _primitive(

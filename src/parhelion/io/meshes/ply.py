@@ -155,9 +155,15 @@ def read(path: Path, points: bool = False) -> MeshData:
     uvs = None
     for names in _UV_NAMES:
         uvs = _take(vertex, *names) if uvs is None else uvs
-    attributes = {f"vertex_{k}": v for k, v in _attributes(vertex).items()}
-    faces = {k: v[polygon] for k, v in _attributes(columns["face"]).items()}
-    attributes |= {f"face_{k}": v for k, v in faces.items()}
+    attributes: dict[str, Floats] = {}
+    for place, table in (("vertex", vertex), ("face", columns["face"])):
+        fields, colors = _attributes(table)
+        if colors is not None:
+            if "color" in fields:
+                left_out.append(f"field 'color' of {place!r}: there are colours too; left out")
+            fields["color"] = colors
+        for name, values in fields.items():
+            attributes[f"{place}_{name}"] = values if place == "vertex" else values[polygon]
     return MeshData(vertices, triangles, normals, uvs, attributes, left_out=left_out)
 
 
@@ -320,13 +326,15 @@ def _take(columns: dict[str, Floats | Integers], *names: str) -> Floats | None:
     return np.stack([columns.pop(name) for name in names], axis=1).astype(np.float32)
 
 
-def _attributes(columns: dict[str, Floats | Integers]) -> dict[str, Floats]:
-    found: dict[str, Floats] = {}
+def _attributes(columns: dict[str, Floats | Integers]) -> tuple[dict[str, Floats], Floats | None]:
+    """What else there is by name, and the colours."""
+    colors: Floats | None = None
     for names in (("red", "green", "blue"), ("r", "g", "b")):
         whole = names[0] in columns and columns[names[0]].dtype == np.uint8
-        colors = _take(columns, *names)
-        if colors is not None:
-            found["color"] = decode_srgb(colors / 255.0) if whole else colors
+        given = _take(columns, *names)
+        if given is not None:
+            colors = decode_srgb(given / 255.0) if whole else given
+    found: dict[str, Floats] = {}
     for name in list(columns):
         for endings in _ENDINGS:
             stem, _, ending = name.rpartition("_")
@@ -334,4 +342,4 @@ def _attributes(columns: dict[str, Floats | Integers]) -> dict[str, Floats]:
                 grouped = _take(columns, *(f"{stem}_{e}" for e in endings))
                 if grouped is not None:
                     found[stem] = grouped
-    return found | {k: np.asarray(v, np.float32) for k, v in columns.items()}
+    return found | {k: np.asarray(v, np.float32) for k, v in columns.items()}, colors
