@@ -302,6 +302,60 @@ def test_includes_that_include_each_other_are_refused(read: Read, tmp_path: Path
         read('<include filename="a.xml"/>')
 
 
+def test_elements_that_includes_multiply_are_refused(
+    read: Read, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("parhelion.io.mitsuba.document._ALWAYS", 1 << 16)
+    many = '<shape type="sphere"/>' * 100
+    (tmp_path / "many.xml").write_text(f'<scene version="3.0.0">{many}</scene>')
+    shapes = read('<include filename="many.xml"/>' * 10).shapes
+    assert sum(isinstance(shape, Spheres) for shape in shapes) == 1000
+    with pytest.raises(
+        FormatError, match=r"scene.xml: line 22: included files come to more than 16 times"
+    ):
+        read('<include filename="many.xml"/>\n' * 30)
+
+
+def test_a_film_that_cannot_be_rendered_is_named(read: Read) -> None:
+    for size in (70_000, 10**9):
+        film = f'<film type="hdrfilm"><integer name="width" value="{size}"/></film>'
+        with pytest.raises(
+            FormatError, match=rf"scene.xml: line 2: film \(hdrfilm\): its size is {size} by 576"
+        ):
+            read(f'<sensor type="perspective">\n{film}</sensor>')
+
+
+def test_versions_that_are_not_supported_are_told(
+    read: Read, caplog: pytest.LogCaptureFixture
+) -> None:
+    for version in ("0.6.0", "2.1.0", "3.5.2"):
+        read('<shape type="sphere"/>', version)
+    assert "version" not in caplog.text
+    read('<shape type="sphere"/>', "9.0.0")
+    assert "version 9.0.0: not supported; read as version 3" in caplog.text
+
+
+def test_spheres_by_their_transforms(read: Read) -> None:
+    """Center and radius before the transform; mirrored, skewed and flat ones."""
+    body = (
+        '<shape type="sphere"><point name="center" x="1" y="2" z="3"/>'
+        '<float name="radius" value="2"/><transform name="to_world">{}</transform></shape>'
+    )
+    (even,) = read(body.format('<scale value="3"/><translate x="1"/>')).shapes
+    assert isinstance(even, Spheres)
+    np.testing.assert_allclose(even.centers, [[4.0, 6.0, 9.0]])
+    assert even.radii == pytest.approx(6.0)
+    assert not even.inside_out
+    np.testing.assert_allclose(np.asarray(even.rotation), np.diag([1.0, 1.0, -1.0]), atol=1e-12)
+    (mirrored,) = read(body.format('<scale x="-1" y="1" z="1"/>')).shapes
+    assert isinstance(mirrored, Spheres)
+    assert mirrored.inside_out
+    for uneven in ('<scale x="1" y="1.01"/>', '<matrix value="1 0.01 0 0 1 0 0 0 1"/>'):
+        assert isinstance(read(body.format(uneven)).shapes[0], Instances)
+    with pytest.raises(FormatError, match=r"sphere\): its transform makes it flat"):
+        read(body.format('<matrix value="1 1 0 1 1 0 0 0 1"/>'))
+
+
 def test_includes_that_multiply_are_refused(read: Read, tmp_path: Path) -> None:
     for i in range(15):
         again = f'<include filename="{i + 1}.xml"/>' * 2

@@ -38,6 +38,7 @@ from parhelion.scene import (
 
 Read = Callable[..., Scene]
 
+LEVELS = ' "integer levels" 100\n'
 TRIANGLE = 'Shape "trianglemesh" "point3 P" [0 0 0 1 0 0 0 1 0] "integer indices" [0 1 2]\n'
 
 
@@ -252,9 +253,25 @@ def test_files_that_include_each_other_without_end(read: Read, tmp_path: Path) -
         read('Include "0.pbrt"')
 
 
+def test_included_files_that_multiply(
+    read: Read, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By directives, and by bytes; a few times is usual."""
+    monkeypatch.setattr("parhelion.io.pbrt.reader._ALWAYS", 1 << 16)
+    (tmp_path / "many.pbrt").write_text("Identity\n" * 100)
+    assert read('Include "many.pbrt"\n' * 10 + TRIANGLE).shapes
+    with pytest.raises(
+        FormatError, match=r'scene.pbrt: line 20: Include "many.pbrt": included files come to more'
+    ):
+        read('Include "many.pbrt"\n' * 1000)
+    (tmp_path / "long.pbrt").write_text("#" + " " * 50_000)
+    with pytest.raises(FormatError, match=r'line 20: Include "long.pbrt": .* than 16 times'):
+        read('Include "long.pbrt"\n' * 100)
+
+
 def test_packed_files_that_fill_the_memory_or_are_cut_short(read: Read, tmp_path: Path) -> None:
-    (tmp_path / "bomb.pbrt.gz").write_bytes(gzip.compress(b" " * (1 << 26)))
-    with pytest.raises(FormatError, match="unpacks to more than 16777216 bytes"):
+    (tmp_path / "bomb.pbrt.gz").write_bytes(gzip.compress(b" " * (1 << 27)))
+    with pytest.raises(FormatError, match=r"unpacks to more than \d+ bytes, 20 times its size"):
         read('Include "bomb.pbrt.gz"')
     whole = gzip.compress(TRIANGLE.encode() * 9)
     (tmp_path / "short.pbrt.gz").write_bytes(whole[:-12])
@@ -458,6 +475,28 @@ def test_loop_subdivision(read: Read) -> None:
         assert len(np.asarray(found.faces)) == 8 * 4**levels
         _, across = mesh(found)
         assert (np.einsum("fi,fi->f", across, mesh(found)[0].mean(axis=1)) > 0.0).all()
+
+
+def test_an_unknown_material_is_told_with_those_there_are(
+    read: Read, caplog: pytest.LogCaptureFixture
+) -> None:
+    """One of the names is empty, which no list shows."""
+    read('Material "foo" Shape "sphere"')
+    assert "unknown material 'foo' (choices: coatedconductor, " in caplog.text
+
+
+def test_all_loop_subdivision_shares_a_budget(
+    read: Read, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("parhelion.io.pbrt.shapes._MOST_SUBDIVIDED", 1 << 13)
+    scene = read(TRIANGLE.replace("trianglemesh", "loopsubdiv").replace("\n", LEVELS) * 20)
+    counts = [len(shape.faces) for shape in scene.shapes if isinstance(shape, Mesh)]
+    assert counts[:2] == [4096, 1024]
+    assert sum(counts) < (1 << 13) + 20
+    told = [r.getMessage() for r in caplog.records if "loopsubdiv" in r.getMessage()]
+    assert len(told) == 1
+    assert "20 meshes are subdivided up to" in told[0]
+    assert "at most 8192 triangles" in told[0]
 
 
 def test_curves(read: Read) -> None:

@@ -117,5 +117,29 @@ def test_normals_of_loop_near_those_of_the_fine_mesh() -> None:
 def test_too_many_faces_are_refused_before_they_are_made() -> None:
     with pytest.raises(SceneError, match="8 faces, subdivided 30 times"):
         warren(_OCTAHEDRON, _SIDES, 30)
-    assert subdivision.most_levels(8) == 9  # of 2^21 triangles
-    assert subdivision.most_levels(10**9) == 0
+
+
+def test_a_budget_is_shared_by_the_meshes_that_come() -> None:
+    """Each takes at most half of what is left: 4^3 of 128, then 4^2 of 64, then of 48."""
+    budget = subdivision.Budget(128)
+    assert budget.report() == ""
+    assert [budget.levels(1, 100) for _ in range(3)] == [3, 2, 2]
+    assert budget.levels(10**9, 2**40) == 0
+    assert budget.levels(1, 5, least=1) == 1
+    assert "5 meshes are subdivided up to 1099511627776 times less" in budget.report()
+    assert "at most 128 triangles" in budget.report()
+
+
+def test_meshes_that_are_known_get_equally_many_levels_fewer() -> None:
+    """A hundred of 4^5 triangles each are 102,400; two levels fewer make 6400, of 16,000 at most
+    8000. What comes more often than was known has the rest.
+    """
+    budget = subdivision.Budget(16_000, [(1, 5)] * 100)
+    assert {budget.levels(1, 5) for _ in range(100)} == {3}
+    assert "100 meshes are subdivided up to 2 times less" in budget.report()
+    more = [budget.levels(1, 5) for _ in range(1000)]
+    assert max(more) == 3
+    assert sum(4**level for level in more if level) < 9600
+    few = subdivision.Budget(16_000, [(1, 5)] * 7)
+    assert {few.levels(1, 5) for _ in range(7)} == {5}
+    assert few.report() == ""

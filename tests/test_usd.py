@@ -829,8 +829,78 @@ def test_values_that_claim_more_than_there_is(tmp_path: Path) -> None:
 def test_a_missing_file_is_told(tmp_path: Path) -> None:
     body = 'def Sphere "S" { }\ndef "A" (\nreferences = @./none.usda@\n) { }'
     assert "/S" in named(read(tmp_path, body))
-    with pytest.raises(ph.FormatError, match="no such file; left out"):
+    with pytest.raises(ph.FormatError, match=r"/A: './none.usda': no such file; left out"):
         read(tmp_path, body, strict=True)
+    with pytest.raises(ph.FormatError, match=r"sublayer 'b.usda': no such file; left out"):
+        read(tmp_path, body, "subLayers = [@b.usda@]", strict=True)
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ('def SphereLight "L" { rel collection:lightLink:includes = [</S>] }',
+         "light linking, such as that of /L: not supported"),
+        ('def DistantLight "L" { uniform bool collection:lightLink:includeRoot = 0 }',
+         "light linking, such as that of /L: not supported"),
+        ('def RectLight "L" { rel collection:shadowLink:excludes = [</S>] }',
+         "shadow linking, such as that of /L: not supported"),
+        ('def Cube "C" ( prepend apiSchemas = ["MaterialBindingAPI"]\n)'
+         " { rel material:binding = </nope> }", "/C: its material /nope is not there; ignored"),
+        ('def Points "P" { point3f[] points = [(0, 0, 0), (1, 1, 1), (2, 2, 2)]\n'
+         "float[] widths = [0.1, -1, 0] }", "/P: widths of 2 of 3 points are not above 0; left"),
+        (f'def Mesh "M" {{ {BOX} uniform token triangleSubdivisionRule = "smooth" }}',
+         "triangleSubdivisionRule 'smooth': not supported; triangles are subdivided as other"),
+    ],
+)  # fmt: skip
+def test_told(tmp_path: Path, caplog: pytest.LogCaptureFixture, body: str, words: str) -> None:
+    read(tmp_path, body + '\ndef Sphere "S" { }')
+    assert sum(words in record.getMessage() for record in caplog.records) == 1
+
+
+def test_what_changes_nothing_is_not_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A link to all there is, and a rule for triangles of a scheme that has no other."""
+    read(
+        tmp_path,
+        'def SphereLight "L" { uniform bool collection:lightLink:includeRoot = 1 }'
+        'def Mesh "M" { uniform token subdivisionScheme = "loop"\n'
+        'uniform token triangleSubdivisionRule = "smooth"\nint[] faceVertexCounts = [3]\n'
+        "int[] faceVertexIndices = [0, 1, 2]\npoint3f[] points = [(0,0,0), (1,0,0), (0,1,0)] }",
+    )
+    assert not [r for r in caplog.records if "link" in r.getMessage() or "Rule" in r.getMessage()]
+
+
+def test_many_small_meshes_share_what_subdivision_makes(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Five hundred cubes of 12,288 triangles each would be 6 million; 3072 each are enough."""
+    scene = ph.load(write(tmp_path, "".join(f'def Mesh "M{i}" {{ {BOX} }}' for i in range(500))))
+    assert {len(s.faces) for s in scene.shapes if s.name.startswith("/M")} == {3072}
+    told = [r.getMessage() for r in caplog.records if "subdivi" in r.getMessage()]
+    assert len(told) == 1
+    assert "500 meshes are subdivided once less" in told[0]
+
+
+@pytest.mark.parametrize("suffix", [".usd", ".usda", ".usdc", ".usdz"])
+def test_files_that_are_none_of_usd(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(b"")
+    with pytest.raises(ph.FormatError, match="cannot be read as USD: it is empty"):
+        ph.load(path)
+    path.write_bytes(bytes(range(200)))
+    with pytest.raises(ph.FormatError, match=r"neither as text \(#usda\), nor as a crate"):
+        ph.load(path)
+
+
+def test_errors_name_the_layer_once(tmp_path: Path) -> None:
+    outside = 'def "A" (\nreferences = @/etc/hosts@\n) { }'
+    path = write(tmp_path, outside)
+    with pytest.raises(ph.FormatError, match="is not inside") as error:
+        ph.load(path)
+    assert str(error.value).count("a.usda") == 1
+    write(tmp_path, outside, name="b.usda")
+    path = write(tmp_path, 'def "B" (\nreferences = @b.usda@</A>\n) { }', name="c.usda")
+    with pytest.raises(ph.FormatError, match=r"c\.usda: b\.usda: '/etc/hosts'"):
+        ph.load(path)
 
 
 # --- Sequences -----------------------------------------------------------------------------------

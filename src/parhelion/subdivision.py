@@ -16,6 +16,7 @@ corners, and corners (C,), all corners' vertices, one polygon after the other.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +40,8 @@ _LIMIT_FACES = 1 << 26
 _ENOUGH_FACES = 1 << 14
 _MOST_FACES = 1 << 20
 _MOST_LEVELS = 5
+# Levels beyond which one triangle alone is more than any budget
+_POWERS = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +95,6 @@ class _Topology:
     corner: Floats
 
 
-def most_levels(faces: int) -> int:
-    """How often so many triangles may be subdivided, for 2 million of them at most."""
-    count = 0
-    while 0 < faces << 2 * (count + 1) <= 2 * _MOST_FACES:
-        count += 1
-    return count
-
-
 def levels(faces: int) -> int:
     """How often to subdivide a mesh of so many faces."""
     count = 0
@@ -108,6 +103,49 @@ def levels(faces: int) -> int:
     while count < 2 and faces << 2 * (count + 1) <= _MOST_FACES:
         count += 1
     return max(count, 1)
+
+
+class Budget:
+    """Triangles that subdivision may make in a scene, shared by its meshes.
+
+    A file of a few lines can ask for as many as fill the memory. known: of meshes that are known
+    beforehand, their triangles before they are subdivided and the levels that each wants. All of
+    them get so many levels fewer that they take half of the budget at most. A mesh that comes takes
+    at most half of what is left, so that there is always some for the next.
+    """
+
+    def __init__(self, most: int, known: Sequence[tuple[int, int]] = ()) -> None:
+        self.most = self._left = most
+        self._fewer, self._cut, self._most_cut = 0, 0, 0
+        largest = max((wanted for _, wanted in known), default=0)
+        while self._fewer < largest and 2 * self._total(known) > most:
+            self._fewer += 1
+
+    def _total(self, known: Sequence[tuple[int, int]]) -> int:
+        return sum(n << 2 * max(min(wanted, _POWERS) - self._fewer, 0) for n, wanted in known)
+
+    def levels(self, triangles: int, wanted: int, least: int = 0) -> int:
+        """How often to subdivide a mesh of so many triangles; least: even if nothing is left."""
+        count = min(wanted, _POWERS) - self._fewer
+        while count > least and triangles << 2 * count > self._left // 2:
+            count -= 1
+        count = max(count, least)
+        self._left = max(self._left - (triangles << 2 * count), 0)
+        if count < wanted:
+            self._cut += 1
+            self._most_cut = max(self._most_cut, wanted - count)
+        return count
+
+    def report(self) -> str:
+        """The sentence about meshes that were subdivided less than they want; "" if none was."""
+        if not self._cut:
+            return ""
+        meshes = "one mesh is" if self._cut == 1 else f"{self._cut} meshes are"
+        times = "once" if self._most_cut == 1 else f"up to {self._most_cut} times"
+        return (
+            f"{meshes} subdivided {times} less than asked for, as subdivision makes at most"
+            f" {self.most} triangles of a scene"
+        )
 
 
 def subdivide(
@@ -466,4 +504,6 @@ def _parts(t: _Topology) -> Integers:
             break
         np.minimum.at(label, left, least)
         np.minimum.at(label, right, least)
-    return np.unique(label, return_inverse=True)[1].reshape(-1)
+    used = np.zeros(t.vertices + len(place), bool)
+    used[label] = True
+    return (np.cumsum(used) - 1)[label]

@@ -33,6 +33,10 @@ _DEEPEST = 100
 # Includes in includes
 _DEEPEST_INCLUDE = 20
 _MOST_INCLUDES = 1000
+# What included files come to in all: so much, or so many times what there is once. An element
+# counts for more than its bytes, since it takes as long as so much text.
+_ALWAYS, _TIMES = 1 << 26, 16
+_ELEMENT = 512
 # Bytes of a scene file: text, of which the large parts lie in other files
 _LARGEST = 1 << 28
 # Characters of a value with its parameters put in: each may hold the one before many times over
@@ -127,6 +131,8 @@ class Document:
         self._used: set[str] = set()
         self._including: list[Path] = []
         self._included = 0
+        self._sizes: dict[Path, int] = {}
+        self._read_in_all = 0
         root = self._parse(path)
         if root.tag != "scene":
             raise FormatError(
@@ -182,6 +188,7 @@ class Document:
         text = path.read_bytes() if path.stat().st_size <= _LARGEST else None
         if text is None:
             raise FormatError(f"{path}: is larger than {_LARGEST >> 20} MiB, which no scene is")
+        size = len(text)
         parser = expat.ParserCreate()
         parser.buffer_text = True
         stack: list[_Node] = []
@@ -191,6 +198,8 @@ class Document:
             return Place(path, parser.CurrentLineNumber)
 
         def start(tag: str, attributes: dict[str, str]) -> None:
+            nonlocal size
+            size += _ELEMENT
             if len(stack) >= _DEEPEST:
                 raise FormatError(f"{place()}: more than {_DEEPEST} elements in each other")
             node = _Node(tag, attributes, place())
@@ -222,6 +231,8 @@ class Document:
             raise FormatError(f"{path}: line {error.lineno}: is not XML: {reason}") from None
         except (LookupError, ValueError) as error:  # an unknown encoding
             raise FormatError(f"{path}: is not XML: {error}") from None
+        self._sizes[path] = size
+        self._read_in_all += size
         return roots[0]
 
     def _version(self, root: _Node) -> None:
@@ -230,6 +241,10 @@ class Document:
         if match is None:
             raise FormatError(f"{root.place}: <scene> needs a version such as 3.0.0, not {text!r}")
         self.old = match[1] == "0"
+        if match[1] not in ("0", "2", "3"):
+            self.notes.append(
+                f"version {text}: not supported; read as version 3 (versions 0, 2 and 3 are known)"
+            )
 
     def _attributes(self, node: _Node) -> dict[str, str]:
         """The attributes, with parameters ($name) put in."""
@@ -330,6 +345,12 @@ class Document:
         self._included += 1
         if self._included > _MOST_INCLUDES:
             raise FormatError(f"{node.place}: more than {_MOST_INCLUDES} files are included in all")
+        if self._read_in_all > max(_ALWAYS, _TIMES * sum(self._sizes.values())):
+            raise FormatError(
+                f"{node.place}: included files come to more than {_TIMES} times what they hold, and"
+                f" to more than {_ALWAYS >> 20} MiB, of which {_ELEMENT} bytes for each element;"
+                " an instance shows one shapegroup many times"
+            )
         root = self._parse(file)
         self._including.append(file)
         if root.tag != "scene":  # one object

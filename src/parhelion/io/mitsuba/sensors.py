@@ -23,6 +23,9 @@ _FILTERS: dict[str, str | None] = {
     "lanczos": None,
 }
 
+# Pixels of a picture's side that can be rendered
+_LARGEST_SIDE = 65536
+
 
 def read(r: Reader, o: Object, settings: Settings) -> tuple[Camera | None, Settings]:
     """The camera, and the settings with size, samples and filter of its film."""
@@ -154,6 +157,10 @@ def _film(r: Reader, o: Object, settings: Settings) -> Settings:
     width, height = r.integer(film, "width", 768), r.integer(film, "height", 576)
     if width < 1 or height < 1:
         raise film.error(f"its size is {width} by {height}; must be 1 by 1 or more")
+    if max(width, height) > _LARGEST_SIDE:
+        raise film.error(
+            f"its size is {width} by {height}; must be {_LARGEST_SIDE} by {_LARGEST_SIDE} or less"
+        )
     left, top = r.integer(film, "crop_offset_x", 0), r.integer(film, "crop_offset_y", 0)
     part = (
         left,

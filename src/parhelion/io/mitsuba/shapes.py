@@ -6,7 +6,9 @@ basic one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -100,13 +102,26 @@ def _common(r: Reader, o: Object, name: str) -> dict[str, Any]:
 
 
 def _invertible(o: Object, matrix: Matrix) -> Matrix:
-    linear = matrix[:3, :3]
-    if not np.isfinite(matrix).all():
+    if not all(map(math.isfinite, matrix.ravel().tolist())):
         raise o.error("its transform is not finite")
-    size = np.linalg.norm(linear, axis=0)
-    if not (size > 0.0).all() or abs(np.linalg.det(linear / size)) < 1e-9:
+    linear = matrix[:3, :3]
+    x, y, z = _lengths(linear, 0, 1, 2)
+    if not (x > 0.0 and y > 0.0 and z > 0.0) or abs(_determinant(linear)) < 1e-9 * (x * y * z):
         raise o.error("its transform makes it flat: it cannot be inverted")
     return linear
+
+
+# In plain numbers, since scenes have tens of thousands of transforms: a call of NumPy takes longer
+
+
+def _determinant(linear: Matrix) -> float:
+    (a, b, c), (d, e, f), (g, h, i) = linear.tolist()
+    return float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
+
+
+def _lengths(linear: Matrix, *columns: int) -> list[float]:
+    axes = linear.T.tolist()
+    return [math.hypot(*axes[k]) for k in columns]
 
 
 def _points(matrix: Matrix, points: Array) -> Array:
@@ -122,19 +137,16 @@ def _normals(matrix: Matrix, normals: Array) -> Array:
 
 
 def _perpendicular(linear: Matrix, *columns: int) -> bool:
-    axes = linear[:, columns] / np.linalg.norm(linear[:, columns], axis=0)
-    return bool(np.abs(axes.T @ axes - np.eye(len(columns))).max() < _ROUNDING)
+    gram = (linear.T @ linear).tolist()
+    return all(
+        abs(gram[i][j]) < _ROUNDING * math.sqrt(gram[i][i] * gram[j][j])
+        for i, j in combinations(columns, 2)
+    )
 
 
 def _equal(linear: Matrix, *columns: int) -> bool:
-    sizes = np.linalg.norm(linear[:, columns], axis=0)
-    return bool(np.ptp(sizes) <= _ROUNDING * sizes.max())
-
-
-def _shift_scale(shift: Sequence[float], scale: Sequence[float]) -> Matrix:
-    result = np.diag([*scale, 1.0])
-    result[:3, 3] = shift
-    return result
+    sizes = _lengths(linear, *columns)
+    return max(sizes) - min(sizes) <= _ROUNDING * max(sizes)
 
 
 # Meshes
@@ -189,7 +201,7 @@ def _mesh(r: Reader, o: Object, data: MeshData, name: str, *, flip_v: bool, flat
 def _flat_mesh(r: Reader, o: Object, vertices: Array, faces: Any, uvs: Array, name: str) -> Mesh:
     """A mesh of flat faces whose front stays outside under any transform."""
     matrix = r.matrix(o)
-    mirrored = np.linalg.det(_invertible(o, matrix)) < 0.0
+    mirrored = _determinant(_invertible(o, matrix)) < 0.0
     turned = np.asarray(faces, np.uint32)[:, [0, 2, 1] if mirrored else [0, 1, 2]]
     return Mesh(
         vertices=_points(matrix, vertices),
@@ -241,22 +253,26 @@ def _sdf_grid(r: Reader, o: Object) -> Sequence[Shape]:
 
 # Basic shapes
 
+# Mitsuba's v is 0 at a sphere's +z pole, ours at -z
+_DOWN = np.array([1.0, 1.0, -1.0])
+
 
 def _sphere(r: Reader, o: Object) -> Sequence[Shape]:
     radius = r.number(o, "radius", 1.0)
     if not radius > 0.0:
         raise o.error(f"radius is {radius:g}; must be above 0")
-    matrix = r.matrix(o) @ _shift_scale(r.vector(o, "center", (0.0, 0.0, 0.0)), (radius,) * 3)
+    matrix = r.matrix(o).copy()
+    matrix[:3, 3] += matrix[:3, :3] @ r.vector(o, "center", (0.0, 0.0, 0.0))
+    matrix[:3, :3] *= radius
     linear = _invertible(o, matrix)
-    flipped = r.boolean(o, "flip_normals", False) != bool(np.linalg.det(linear) < 0.0)
+    determinant = _determinant(linear)
+    flipped = r.boolean(o, "flip_normals", False) != (determinant < 0.0)
     common = _common(r, o, "sphere")
-    # Mitsuba's v is 0 at the +z pole, ours at -z
-    down = np.diag([1.0, 1.0, -1.0])
     if _perpendicular(linear, 0, 1, 2) and _equal(linear, 0, 1, 2):
-        size = float(np.cbrt(abs(np.linalg.det(linear))))
-        rotation = linear / np.linalg.norm(linear, axis=0) @ down
+        size = abs(determinant) ** (1.0 / 3.0)
+        rotation = linear / _lengths(linear, 0, 1, 2) * _DOWN
         return [Spheres(matrix[None, :3, 3], size, rotation=rotation, inside_out=flipped, **common)]
-    unit = Spheres(np.zeros((1, 3)), 1.0, rotation=down, inside_out=flipped, **common)
+    unit = Spheres(np.zeros((1, 3)), 1.0, rotation=np.diag(_DOWN), inside_out=flipped, **common)
     return [Instances((unit,), matrix[None], common["name"])]
 
 
@@ -266,7 +282,7 @@ def _disk(r: Reader, o: Object) -> Sequence[Shape]:
     flip = r.boolean(o, "flip_normals", False)
     common = _common(r, o, "disk")
     if _perpendicular(linear, 0, 1):
-        mirrored = bool(np.linalg.det(linear) < 0.0)
+        mirrored = _determinant(linear) < 0.0
         axes = (linear[None, :, 0], linear[None, :, 1])
         return [Disks(matrix[None, :3, 3], *axes, inside_out=flip != mirrored, **common)]
     unit = Disks(np.zeros((1, 3)), np.eye(3)[[0]], np.eye(3)[[1]], inside_out=flip, **common)
@@ -288,7 +304,7 @@ def _cylinder(r: Reader, o: Object) -> Sequence[Shape]:
     flip = r.boolean(o, "flip_normals", False)
     common = _common(r, o, "cylinder")
     whole = _perpendicular(linear, 0, 1, 2) and _equal(linear, 0, 1)
-    if whole and np.linalg.det(linear) > 0.0:
+    if whole and _determinant(linear) > 0.0:
         size = np.linalg.norm(linear[:, 0])
         begin = matrix[None, :3, 3]
         end = begin + linear[None, :, 2]

@@ -42,7 +42,7 @@ def read(item: Item, depth: int = 0) -> Material:
         function = MATERIALS.get(item.type)
         if function is None:
             item.reader.report(
-                f"{unknown_name('material', item.type, MATERIALS)}; 0.5 grey is used"
+                f"{unknown_name('material', item.type, filter(None, MATERIALS))}; 0.5 grey is used"
             )
             return _GREY
         made = function(item)

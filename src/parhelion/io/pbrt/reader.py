@@ -25,6 +25,10 @@ T = TypeVar("T")
 # files could otherwise make endless
 _DEEPEST_INCLUDE = 50
 _MOST_INCLUDES = 10_000
+# What included files come to in all: so much, or so many times what there is once. A directive
+# counts for more than its bytes, since it takes as long as so many numbers.
+_ALWAYS, _TIMES = 1 << 26, 16
+_DIRECTIVE = 512
 
 # Parameters that Attribute gives to all of a kind, each of which has them all
 _MOST_ATTRIBUTES = 1000
@@ -110,6 +114,8 @@ class Reader:
         self._placed: list[tuple[Directive, Matrix]] = []
         self._including: list[Path] = []
         self._included = 0
+        self._sizes: dict[Path, int] = {}
+        self._read_in_all = 0
         self._texts: set[str] = set()
         self._files: dict[Path, object] = {}
 
@@ -172,7 +178,10 @@ class Reader:
         """All directives of a file, and of those that it includes."""
         self._including.append(path.resolve())
         self._texts.add(str(path))
-        for directive in directives(Source(path, contents(path))):
+        data = contents(path)
+        size = len(data)
+        for directive in directives(Source(path, data)):
+            size += _DIRECTIVE
             try:
                 self._obey(directive)
             except (SceneError, ValueError) as error:
@@ -181,6 +190,8 @@ class Reader:
                     raise directive.error(str(error)) from None
                 raise
         self._including.pop()
+        self._sizes[path] = size
+        self._read_in_all += size
 
     # Directives
 
@@ -318,6 +329,12 @@ class Reader:
         if len(self._including) >= _DEEPEST_INCLUDE or self._included > _MOST_INCLUDES:
             raise d.error(
                 f"more than {_DEEPEST_INCLUDE} files in each other, or {_MOST_INCLUDES} in all"
+            )
+        if self._read_in_all > max(_ALWAYS, _TIMES * sum(self._sizes.values())):
+            raise d.error(
+                f"included files come to more than {_TIMES} times what they hold, and to more than"
+                f" {_ALWAYS >> 20} MiB, of which {_DIRECTIVE} bytes for each directive;"
+                " ObjectInstance shows one object many times"
             )
         depth, state = len(self._saved), copy.copy(self.state)
         self._read(path)

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 _AROUND, _ALONG = 128, 64
 # Triangles of a scene that stand for surfaces of another kind
 _MOST_TRIANGLES = 1 << 22
+# Triangles of a scene that subdivision makes
+_MOST_SUBDIVIDED = 1 << 21
 # Sides of a bilinear patch that is not flat, in segments; where there are more, each is small
 _PATCH, _MANY_PATCHES = 8, 4096
 
@@ -75,6 +77,7 @@ class Shapes:
 
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
+        self.budget = subdivision.Budget(_MOST_SUBDIVIDED)
         self.named: dict[str, Material] = {}
         self._shown: list[Shape] = []
         # by their directives, which are kept so that no id() is given twice; equal ones are one
@@ -239,6 +242,8 @@ class Shapes:
         """All shapes of the scene."""
         self.flush(None)
         self._bodies()
+        if cut := self.budget.report():
+            self.reader.report(f"loopsubdiv: {cut}")
         for name, group in groups.items():
             if not group.transforms:
                 continue
@@ -487,13 +492,7 @@ def _loop(job: _Job) -> None:
     faces = _indices(job, 3, len(vertices))
     levels = job.item.integer("levels", job.item.integer("nlevels", 3))
     job.item.ignore("scheme")
-    most = subdivision.most_levels(len(faces))
-    levels = max(levels, 0)
-    if levels > most:
-        job.item.report(
-            f"{levels} levels of {len(faces)} faces are too many triangles; {most} are made"
-        )
-        levels = most
+    levels = job.shapes.budget.levels(len(faces), levels)
     made = subdivision.subdivide(
         vertices,
         np.full(len(faces), 3),

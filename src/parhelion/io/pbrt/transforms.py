@@ -14,10 +14,12 @@ Row = NDArray[np.float64]
 # about six digits
 ROUNDING = 1e-4
 
+_IDENTITY = np.eye(4)
+
 
 def step(name: str, n: Row) -> Matrix:
     """The matrix of a directive with these numbers. Raises ValueError."""
-    result = np.eye(4)
+    result: Matrix = _IDENTITY.copy()  # np.eye is slow, and scenes have tens of thousands
     if name == "Translate":
         result[:3, 3] = n
     elif name == "Scale":
@@ -72,21 +74,23 @@ def determinant(linear: Matrix) -> float:
 
 def invertible(matrix: Matrix) -> bool:
     """Whether the linear part has an inverse, and all numbers are finite."""
+    if not all(map(math.isfinite, matrix.ravel().tolist())):
+        return False
     linear = matrix[:3, :3]
-    xx, yy, zz = np.einsum("ij,ij->j", linear, linear).tolist()
-    size = math.sqrt(xx) * math.sqrt(yy) * math.sqrt(zz)
-    return size > 0.0 and abs(determinant(linear)) > 1e-9 * size and bool(np.isfinite(matrix).all())
+    x, y, z = linear.T.tolist()
+    size = math.hypot(*x) * math.hypot(*y) * math.hypot(*z)
+    return size > 0.0 and abs(determinant(linear)) > 1e-9 * size
 
 
 def even(linear: Matrix, count: int) -> bool:
     """Whether the first `count` axes are perpendicular and equally long, as far as files tell."""
     gram = (linear.T @ linear).tolist()
-    squares = [float(gram[i][i]) for i in range(count)]
-    across = [abs(float(gram[i][j])) for i in range(count) for j in range(i)]
+    squares = [gram[i][i] for i in range(count)]
+    across = [abs(gram[i][j]) for i in range(count) for j in range(i)]
     largest = max(squares)
     # squares differ by twice as much as lengths
     alike = largest - min(squares) <= 2.0 * ROUNDING * largest
-    return alike and max(across) < ROUNDING * largest
+    return bool(alike and max(across) < ROUNDING * largest)
 
 
 def points(matrix: Matrix, values: Row) -> Row:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pxr import Sdf, UsdGeom, UsdLux
+from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from ...scene import (
     Background,
@@ -78,7 +78,24 @@ def _power(r: Reader, prim: Any) -> Color:
         r.report(f"lights without shadows, such as {prim.GetPath()}: they have shadows")
     if prim.GetRelationship("light:filters") and prim.GetRelationship("light:filters").GetTargets():
         r.report(f"light filters, such as those of {prim.GetPath()}: not supported; ignored")
+    for link, what in (("lightLink", "light linking"), ("shadowLink", "shadow linking")):
+        if _linked(prim, link):
+            r.report(f"{what}, such as that of {prim.GetPath()}: not supported; ignored")
     return _triple(color.clip(0.0, None))
+
+
+def _linked(prim: Any, link: str) -> bool:
+    """Whether a collection of a light says that it is about some things only."""
+    for own in prim.GetAuthoredPropertiesInNamespace(f"collection:{link}"):
+        if isinstance(own, Usd.Relationship):
+            if own.GetTargets():
+                return True
+        elif own.GetBaseName() == "includeRoot":
+            if own.Get() is False:
+                return True
+        elif own.GetBaseName() == "membershipExpression" and own.Get():
+            return True
+    return False
 
 
 def _triple(v: Any) -> Color:

@@ -51,6 +51,17 @@ class Plain:
     colors: Any
 
 
+def report_missing(r: Reader, prim: Any) -> None:
+    """Tells of materials that a prim is bound to and that are not there."""
+    for binding in prim.GetAuthoredRelationships():
+        parts = binding.GetName().split(":")
+        if parts[:2] != ["material", "binding"] or "full" in parts:  # which we do not read
+            continue
+        for target in binding.GetForwardedTargets():
+            if target.IsPrimPath() and not r.stage.GetPrimAtPath(target):
+                r.report(f"{prim.GetPath()}: its material {target} is not there; ignored")
+
+
 def look(r: Reader, prim: Any, double_sided: bool, owner: Any = None) -> Look:
     """Of the material bound to a prim, else of its displayColor. owner: the mesh of a subset."""
     bound, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial(UsdShade.Tokens.preview)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pxr import UsdGeom, UsdLux, UsdShade, UsdSkel
+from pxr import Usd, UsdGeom, UsdLux, UsdShade, UsdSkel, Vt
 
 from ... import subdivision
 from ...errors import SceneError
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+_SCHEMES = ("catmullClark", "loop", "bilinear")
+# Triangles of a scene that subdivision makes
+_MOST_SUBDIVIDED = 1 << 22
 
 
 @dataclass(eq=False)
@@ -185,12 +190,16 @@ def _chosen(p: Polygons, shown: NDArray[np.bool_]) -> Polygons:
 def _subdivided(
     r: Reader, prim: Any, p: Polygons, shown: NDArray[np.bool_], scheme: str, inverted: bool
 ) -> Polygons:
-    """The limit surface, as fine as subdivision.levels says."""
+    """The limit surface, as fine as subdivision.levels and the scene's budget say."""
     source = UsdGeom.Mesh(prim)
-    if scheme not in ("catmullClark", "loop", "bilinear"):
-        raise SceneError(f"subdivisionScheme is {scheme!r}")
-    if r.get(source.GetTriangleSubdivisionRuleAttr()) == "smooth":
-        r.report("triangleSubdivisionRule 'smooth': not supported; 'catmullClark' is used")
+    if scheme not in _SCHEMES:
+        raise SceneError(f"subdivisionScheme is {scheme!r}; must be none, {', '.join(_SCHEMES)}")
+    smooth_rule = r.get(source.GetTriangleSubdivisionRuleAttr()) == "smooth"
+    if smooth_rule and scheme == "catmullClark":  # which alone has a rule for triangles
+        r.report(
+            "triangleSubdivisionRule 'smooth': not supported; triangles are subdivided as other"
+            " polygons are"
+        )
     boundary = r.get(source.GetInterpolateBoundaryAttr(), "edgeAndCorner")
     whole = p.counts >= 3
     shown, p = shown[whole], _chosen(p, whole)
@@ -209,7 +218,7 @@ def _subdivided(
         p.points,
         p.counts,
         p.corners,
-        levels=subdivision.levels(len(p.counts)),
+        levels=r.budget.levels(_triangles(scheme, p.counts), subdivision.levels(len(p.counts)), 1),
         scheme=scheme,
         creases=ends,
         sharpness=sharpness,
@@ -230,6 +239,29 @@ def _subdivided(
         p.part[refined.parent],
     )
     return _chosen(made, shown[refined.parent])
+
+
+def budget(stage: Any, time: Any) -> subdivision.Budget:
+    """What the stage's subdivision surfaces share; prototypes count once."""
+    known = []
+    roots = [stage.GetPseudoRoot(), *stage.GetPrototypes()]
+    for prim in chain.from_iterable(Usd.PrimRange(root) for root in roots):
+        if str(prim.GetTypeName()) != "Mesh":
+            continue
+        source = UsdGeom.Mesh(prim)
+        scheme = str(source.GetSubdivisionSchemeAttr().Get(time))
+        value = source.GetFaceVertexCountsAttr().Get(time)
+        # of another type, it is an error where the mesh is shown
+        if scheme in _SCHEMES and isinstance(value, Vt.IntArray) and len(value):
+            counts = np.array(value, np.int64)
+            known.append((_triangles(scheme, counts), subdivision.levels(len(counts))))
+    return subdivision.Budget(_MOST_SUBDIVIDED, known)
+
+
+def _triangles(scheme: str, counts: Integers) -> int:
+    """As many as make those of the surface if each level makes four of one."""
+    # a polygon of n corners becomes n quadrangles first
+    return len(counts) if scheme == "loop" else max(int(counts.sum()), 0) // 2
 
 
 def _columns(values: Floats | None, like: dict[str, Floats]) -> dict[str, Floats]:
@@ -336,14 +368,23 @@ def _shared(
     triangles (F, 3): corners. Returns the faces and, of each new vertex, a corner.
     """
     used, place = np.unique(triangles, return_inverse=True)
-    code = np.unique(vertices[used], return_inverse=True)[1].reshape(-1)
-    for values in columns:
-        for column in values.T:
-            kinds, index = np.unique(column[used].astype(np.float32), return_inverse=True)
-            code = code * len(kinds) + index.reshape(-1)
-            code = np.unique(code, return_inverse=True)[1].reshape(-1)
-    _, first, index = np.unique(code, return_index=True, return_inverse=True)
-    return index.reshape(-1)[place].reshape(-1, 3), used[first]
+    vertex = vertices[used]
+    values = np.zeros((len(used), 0), np.float32)
+    if columns:
+        values = np.concatenate([v.reshape(len(v), -1) for v in columns], axis=1)[used]
+        values = values.astype(np.float32)
+    # sorting all values would take most of the time; few differ from the first of their vertex
+    first = np.zeros(len(vertex) and vertex.max() + 1, np.int64)
+    first[vertex[::-1]] = np.arange(len(vertex))[::-1]
+    other = np.flatnonzero((values != values[first[vertex]]).any(axis=1))
+    code = vertex[other]
+    for column in values[other].T:
+        kinds, index = np.unique(column, return_inverse=True)
+        code = np.unique(code * len(kinds) + index.reshape(-1), return_inverse=True)[1].reshape(-1)
+    whole = vertex.copy()
+    whole[other] = len(first) + code
+    _, corner, index = np.unique(whole, return_index=True, return_inverse=True)
+    return index.reshape(-1)[place].reshape(-1, 3), used[corner]
 
 
 SHAPES: dict[str, Callable[[Reader, Any, Matrix, Group], None]] = {"Mesh": mesh}

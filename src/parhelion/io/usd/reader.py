@@ -15,6 +15,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 from ...errors import FormatError, SceneError
 from ...scene import Framing, Instances, Light, Material, Scene, Settings, Shape, Vec3
 from ...studio import axis, framing
+from ...subdivision import Budget
 from ..files import Reports
 from .images import Images
 
@@ -56,18 +57,22 @@ class Reader:
         self.cameras: list[tuple[Any, Matrix]] = []
         self.scene_group = Group(path.name)
         self.looks: dict[Any, Any] = {}
+        self.budget = Budget(0)
         self._reports = reports
         self._groups: dict[Any, Group] = {}
         self._making: set[str] = set()
 
     def scene(self) -> Scene:
         """The whole scene. Raises SceneError."""
-        from . import cameras, lights
+        from . import cameras, lights, meshes
 
+        self.budget = meshes.budget(self.stage, self.time)
         self._walk(self.scene_group, [(self.stage.GetPseudoRoot(), np.eye(4), "default")])
         shapes = [*self.scene_group.shapes, *self._instances()]
         chosen, settings = cameras.chosen(self)
         background, others = lights.split(self.lights)
+        if cut := self.budget.report():
+            self.report(f"subdivision surfaces: {cut}")
         self._reports.tell()
         return Scene(
             shapes=tuple(shapes),
@@ -167,7 +172,10 @@ class Reader:
         self, prim: Any, matrix: Matrix, purpose: str, group: Group, shown: Any
     ) -> list[tuple[Any, Matrix, str]]:
         """Adds what a prim is; returns its children, of those wanted, to visit next."""
+        from . import materials
+
         kind = str(prim.GetTypeName())
+        materials.report_missing(self, prim)
         if kind in _UNSEEN:
             return []
         image = UsdGeom.Imageable(prim)

@@ -20,6 +20,9 @@ from . import crate, growth
 _MOST_LAYERS = 100_000
 # Prims in prims; the library walks over them by recursion, and far deeper it ends the process
 _DEEPEST = 2000
+# How files with USD's own suffixes begin
+_KINDS = (b"#usda", b"PXR-USDC", b"PK")
+_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 def opened(path: Path, options: LoadOptions, folders: Folders, reports: Reports) -> Any:
@@ -36,7 +39,7 @@ def opened(path: Path, options: LoadOptions, folders: Folders, reports: Reports)
         if not isinstance(error, (Pcp.ErrorInvalidAssetPath, Pcp.ErrorInvalidSublayerPath)):
             reports.add(_sentence(str(error), path))
     for layer in stage.GetUsedLayers():  # names may depend on what has been composed
-        _check(layer.realPath, folders, f"{path}: {layer.identifier}")
+        _check(layer.realPath, folders, _place(path, layer))
     return stage
 
 
@@ -87,6 +90,7 @@ def _layers(path: Path, folders: Folders, reports: Reports) -> list[Any]:
 
     Composition would open them without asking.
     """
+    _refuse_foreign(path, str(path))
     _refuse_deep_text(path, str(path))
     crate.check(path, str(path))
     root = Sdf.Layer.FindOrOpen(str(path.resolve()))
@@ -94,21 +98,27 @@ def _layers(path: Path, folders: Folders, reports: Reports) -> list[Any]:
         raise FormatError(f"{path}: cannot be read as USD")
     found, seen = [root], {root.identifier}
     for layer in found:
-        _refuse_broken(layer, f"{path}: {Path(layer.identifier).name}")
+        place = _place(path, layer)
+        _refuse_broken(layer, place)
+        users: dict[str, str] | None = None
         for name in layer.GetCompositionAssetDependencies():
             asset = layer.ComputeAbsolutePath(name)
             asset, _ = Sdf.Layer.SplitIdentifier(asset)
             if not asset or asset in seen:
                 continue
             seen.add(asset)
-            where = f"{path}: {Path(layer.identifier).name}: {name!r}"
+            where = f"{place}: {name!r}"
             resolved = Ar.GetResolver().Resolve(asset).GetPathString()
-            _check(resolved or asset, folders, where)
+            # one that is nowhere keeps its name, which counts from its layer's folder
+            _check(resolved or str(Path(layer.realPath).parent / asset), folders, where)
             if not resolved:
-                reports.add(f"{name!r}: no such file; left out")
+                users = _users(layer) if users is None else users
+                who = users.get(name, "sublayer" if name in layer.subLayerPaths else "")
+                reports.add(f"{who} {name!r}: no such file; left out".lstrip())
                 continue
             if len(found) == _MOST_LAYERS:
                 raise FormatError(f"{path}: is made of more than {_MOST_LAYERS} files")
+            _refuse_foreign(Path(resolved), where)
             _refuse_deep_text(Path(resolved), where)
             if Path(resolved).is_file():
                 crate.check(Path(resolved), where)
@@ -119,6 +129,43 @@ def _layers(path: Path, folders: Folders, reports: Reports) -> list[Any]:
             if inner is not None:
                 found.append(inner)
     return found
+
+
+def _place(path: Path, layer: Any) -> str:
+    """The beginning of an error's text about a layer of the stage at a path."""
+    own = Path(layer.realPath) == path.resolve()
+    return str(path) if own else f"{path}: {Path(layer.identifier).name}"
+
+
+def _users(layer: Any) -> dict[str, str]:
+    """By the file that a reference or a payload names, the first prim of the layer that has it."""
+    found: dict[str, str] = {}
+
+    def look(at: Any) -> None:
+        if not (at.IsPrimPath() or at.IsPrimVariantSelectionPath()):
+            return
+        prim: Any = layer.GetPrimAtPath(at)
+        for items in (prim.referenceList, prim.payloadList):
+            for arc in items.GetAddedOrExplicitItems():
+                found.setdefault(str(arc.assetPath), f"{at}:")
+
+    layer.Traverse(Sdf.Path.absoluteRootPath, look)
+    return found
+
+
+def _refuse_foreign(file: Path, where: str) -> None:
+    """Raises FormatError for a file that has a name of USD's, and something else in it."""
+    if file.suffix.lower() not in _SUFFIXES or not file.is_file():
+        return
+    with file.open("rb") as stream:
+        start = stream.read(8)
+    if not start:
+        raise FormatError(f"{where}: cannot be read as USD: it is empty")
+    if not start.startswith(_KINDS):
+        raise FormatError(
+            f"{where}: cannot be read as USD: it begins neither as text (#usda), nor as a crate"
+            " (PXR-USDC), nor as a package (zip)"
+        )
 
 
 def _refuse_deep_text(file: Path, where: str) -> None:

@@ -47,6 +47,9 @@ def _points(r: Reader, prim: Any, matrix: Matrix, group: Group) -> None:
     made = materials.plain(r, prim, sizes)
     radii = np.broadcast_to(0.5 * widths, count)
     good = radii > 0.0  # what has no size is not seen
+    if not good.all():
+        lost = int(count - good.sum())
+        r.report(f"{prim.GetPath()}: widths of {lost} of {count} points are not above 0; left out")
     if not good.any():
         return
     colors = None if made.colors is None else np.broadcast_to(made.colors, (count, 3))[good]
