@@ -7,13 +7,15 @@ import importlib.util
 import json
 import logging
 import os
+import random
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -128,19 +130,19 @@ def test_checkpoints_go_from_machines_to_clusters_and_back(
 
 
 def during(
-    client: Any, scene: Any, act: Callable[[int], None], times: int, **asked: Any
+    client: Any, scene: Any, act: Callable[[int], None], shares: Sequence[float], **asked: Any
 ) -> ph.Image:
-    """A picture by a cluster, while something is done at some points of the way."""
+    """A picture by a cluster, while something is done when these shares of it are there."""
     done = 0
 
     def progress(state: ph.Progress) -> None:
         nonlocal done
-        if done < times and state.samples > (done + 1) / (times + 1) * state.total_samples:
+        if done < len(shares) and state.samples > shares[done] * state.total_samples:
             done += 1
             act(done)
 
     image = ph.render(scene, cluster=client, threads=1, progress=progress, **asked)
-    assert done == times
+    assert done == len(shares)
     return image
 
 
@@ -149,13 +151,21 @@ def pids(client: Any) -> list[int]:
 
 
 @pytest.mark.usefixtures("many_units")
-def test_killed_workers_cost_nothing_but_time(scene: Any) -> None:
+def test_killed_workers_cost_nothing_but_time(scene: Any, long: bool) -> None:
+    """One of three, whichever, at any instant, three times in a picture."""
     asked = {**SIZE, "spp": 200, "features": True}
+    expected = ph.render(scene, **asked)
+    seed = time.time_ns()
+    print("seed", seed)
+    chance = random.Random(seed)
+
+    def kill(_: int) -> None:
+        os.kill(chance.choice(pids(client)), signal.SIGKILL)
+
     with places.opened("local:3", 1) as (client, _):
-        made = during(
-            client, scene, lambda _: os.kill(pids(client)[-1], signal.SIGKILL), 3, **asked
-        )
-    same(made, ph.render(scene, **asked))
+        for _ in range(10 if long else 1):
+            shares = sorted(chance.uniform(0.0, 0.95) for _ in range(3))
+            same(during(client, scene, kill, shares, **asked), expected)
 
 
 @pytest.mark.usefixtures("many_units")
@@ -172,7 +182,7 @@ def test_workers_that_join_and_ones_that_stand_still(scene: Any) -> None:
                 os.kill(stopped[0], signal.SIGSTOP)
 
         try:
-            made = during(client, scene, act, 2, **asked)
+            made = during(client, scene, act, (0.33, 0.67), **asked)
         finally:
             for pid in stopped:
                 os.kill(pid, signal.SIGCONT)
@@ -237,27 +247,29 @@ def test_a_cut_cable(scene: Any, cable: Callable[..., Any]) -> None:
         def act(_: int) -> None:
             ip("link", "set", "parhelion0", "down")
 
-        made = during(client, scene, act, 1, **asked)
+        made = during(client, scene, act, (0.5,), **asked)
         assert made.stats.threads == 2  # it was at work
     same(made, ph.render(scene, **asked))
 
 
 @pytest.mark.usefixtures("many_units")
+def spoil() -> None:
+    """Makes a worker fail at the tile in the corner."""
+    from parhelion.cluster import worker
+
+    own = worker.film_of
+
+    def film_of(unit: Any, *more: Any) -> Any:
+        if unit.x == 0 and unit.y == 0:
+            raise MemoryError("no room")
+        return own(unit, *more)
+
+    worker.film_of = film_of
+
+
 def test_a_unit_that_always_fails_is_told_and_the_rest_is_kept(
     scene: Any, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def spoil() -> None:
-        from parhelion.cluster import worker
-
-        own = worker.film_of
-
-        def film_of(unit: Any, *more: Any) -> Any:
-            if unit.x == 0 and unit.y == 0:
-                raise MemoryError("no room")
-            return own(unit, *more)
-
-        worker.film_of = film_of
-
     with places.opened("local:2", 1) as (client, _):
         client.run(spoil)
         made = ph.render(scene, cluster=client, threads=1, **SIZE)
@@ -269,6 +281,42 @@ def test_a_unit_that_always_fails_is_told_and_the_rest_is_kept(
     assert there.sum() > 0.7 * there.size
     assert (made.counts[~there] == 0).all()
     np.testing.assert_array_equal(made.numpy()[there], ph.render(scene, **SIZE).numpy()[there])
+
+
+def test_a_command_of_which_a_part_failed_ends_with_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (
+        places._processes(distributed, "local:1", 1) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        client.run(spoil)
+        words = ["render", "--width", "64", "--spp", "4", "--cluster", cluster.scheduler_address]
+        for more, told in (
+            (["-o", "a.png"], "a.png has .* spp.*: a part failed"),
+            (["--shard", "1/2", "-o", "a.part"], "a.part has .* spp.*: a part failed"),
+            (["--turntable", "2", "-o", "b.png"], "a part of the next failed"),
+        ):
+            place = more[-1]
+            assert cli.main([*words, *more[:-1], str(tmp_path / place)]) == 1
+            assert re.search(told, capsys.readouterr().err)
+    assert (tmp_path / "a.png").exists()
+    assert not list(tmp_path.glob("b*"))
+
+
+def pause(dask_worker: Any) -> None:
+    from distributed.core import Status
+
+    dask_worker.status = Status.paused
+
+
+@pytest.mark.usefixtures("many_units")
+def test_paused_workers_are_done_without(scene: Any) -> None:
+    with places.opened("local:2", 1) as (client, _):
+        client.run(pause, workers=one_of(client))
+        made = ph.render(scene, cluster=client, threads=1, **SIZE)
+    same(made, ph.render(scene, **SIZE))
+    assert made.stats.threads == 1
 
 
 def one_of(client: Any) -> list[str]:
@@ -297,7 +345,7 @@ def test_the_scene_goes_to_each_worker_once(scene: Any, monkeypatch: pytest.Monk
             same(made, ph.render(scene, seed=seed, **SIZE))
         assert len(sent) == len(set(sent)) == 2
         assert not client.futures  # nothing of ours is left with Dask
-        made = during(client, scene, lambda _: client.run(let_go), 1, **SIZE)
+        made = during(client, scene, lambda _: client.run(let_go), (0.5,), **SIZE)
         same(made, ph.render(scene, **SIZE))
         assert 3 <= len(sent) <= 4  # both get it again, unless one had nothing to do any more
 
@@ -422,7 +470,7 @@ def test_a_scheduler_that_goes_leaves_the_checkpoint(scene: Any, tmp_path: Path)
         places.opened("local:2", 1) as (client, _),
         pytest.raises(ph.ResourceError, match=r"scheduler is gone|does not answer"),
     ):
-        during(client, scene, lambda _: client.cluster.close(), 1, **asked)
+        during(client, scene, lambda _: client.cluster.close(), (0.5,), **asked)
     made = ph.render(scene, resume=True, **asked)
     same(made, ph.render(scene, **{**asked, "checkpoint": tmp_path / "other"}))
 
@@ -550,6 +598,24 @@ def test_the_live_view_by_a_cluster(client: Any, scene: Any) -> None:
         session.limit(60)
         with_samples(session, 60)
     assert max(told) == 60
+
+
+def test_the_live_view_goes_on_where_the_scheduler_ends(scene: Any) -> None:
+    with places._processes(distributed, "local:1", 1) as cluster:
+        address = cluster.scheduler_address
+        session = Session(scene, cluster=address, threads=1, width=90, height=50, spp=1 << 20)
+        with session:
+            with_samples(session, 8)
+            cluster.close()
+            end = time.monotonic() + 60
+            while "scheduler is gone" not in (session.state()["error"] or ""):
+                assert time.monotonic() < end
+                time.sleep(0.05)
+            session.limit(session.finished().spp + 40)
+            frame = with_samples(session, session.state()["spp"])
+            counts = frame.counts
+            expected = ph.render(session.scene(), counts=counts).numpy()
+            np.testing.assert_array_equal(frame.pixels, expected)
 
 
 @pytest.fixture

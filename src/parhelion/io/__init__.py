@@ -3,7 +3,6 @@
 A format module has these names:
 
     NAME        what users call the format, e.g. "XYZ"
-    SUFFIXES    the file name endings it reads, in lower case, e.g. (".xyz", ".extxyz")
     OPTIONS     the fields of LoadOptions that it reads, besides EVERY_FORMAT's
     BARE        True if its files often lack a camera and lights, which are then added
     PACKED      False if it does not read files that are packed, as NAME.gz (none: it does)

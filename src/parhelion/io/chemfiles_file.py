@@ -30,7 +30,6 @@ from . import COMPRESSED, LoadOptions, require_memory
 from .text import TextFile, Trajectory, errors_name, frame_index
 
 NAME = "PDB, GRO"
-SUFFIXES = (".pdb", ".gro")
 OPTIONS = (*particles.OPTIONS, "assembly")
 BARE = True
 PARTS = True

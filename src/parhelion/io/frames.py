@@ -30,7 +30,16 @@ from ..scene import (
     Vec3,
 )
 from ..studio import axis, dressed, framing, is_dark, up_of
-from . import FORMATS, LoadOptions, Timeline, options_of, reading, require_memory, resolved, source_of
+from . import (
+    FORMATS,
+    LoadOptions,
+    Timeline,
+    options_of,
+    reading,
+    require_memory,
+    resolved,
+    source_of,
+)
 from .text import Trajectory
 
 if TYPE_CHECKING:
@@ -65,8 +74,8 @@ def load_frames(
     as "1..240" or "1..240..2", with both ends. Of a trajectory frames are counted from 0. Of USD
     the numbers are time codes and of glTF seconds, which need not be whole nor positive; what is
     left out are the file's first and last time, both included, and steps of one time code, or of
-    1 / fps seconds. options, more: as of load(), but for `frame` and `time`. fps: pictures a second; None
-    for the file's speed, and 30 where it has none.
+    1 / fps seconds. options, more: as of load(), but for `frame` and `time`. fps: pictures a
+    second; None for the file's speed, and 30 where it has none.
 
     The file is read once here, for what all frames have in common, and again when the scenes are
     asked for; one frame at a time is in memory.

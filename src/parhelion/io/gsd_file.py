@@ -30,7 +30,6 @@ from . import COLUMN_TAKES, ROW_TAKES, LoadOptions
 from .text import Trajectory, errors_name, frame_index
 
 NAME = "GSD"
-SUFFIXES = (".gsd",)
 PACKED = False
 PARTS = True
 OPTIONS = particles.OPTIONS

@@ -25,7 +25,6 @@ from . import LoadOptions
 from .text import Table, TextFile, Trajectory, is_number, text_frame, text_trajectory
 
 NAME = "LAMMPS dump"
-SUFFIXES = (".dump", ".lammpstrj")
 OPTIONS = particles.OPTIONS
 BARE = True
 PARTS = True

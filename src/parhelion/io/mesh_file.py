@@ -24,7 +24,6 @@ from .files import Reports
 from .meshes import MeshData, split_at_creases
 
 NAME = "mesh"
-SUFFIXES = (".ply", ".stl", ".off")
 OPTIONS = ("up", *particles.OPTIONS)
 BARE = True
 GROUND = (Mesh,)

@@ -32,7 +32,6 @@ from . import LoadOptions, require_memory
 from .text import errors_name, frame_index
 
 NAME = "NumPy archive"
-SUFFIXES = (".npz",)
 PACKED = False
 PARTS = True
 OPTIONS = particles.OPTIONS

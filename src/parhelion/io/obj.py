@@ -27,7 +27,6 @@ from .meshes import obj
 from .text import is_number
 
 NAME = "OBJ"
-SUFFIXES = (".obj",)
 OPTIONS = ("up",)
 BARE = True
 GROUND = (Mesh,)

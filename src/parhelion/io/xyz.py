@@ -27,7 +27,6 @@ from . import LoadOptions
 from .text import Table, TextFile, Trajectory, is_number, text_frame, text_trajectory
 
 NAME = "XYZ"
-SUFFIXES = (".xyz", ".extxyz")
 OPTIONS = particles.OPTIONS
 BARE = True
 PARTS = True

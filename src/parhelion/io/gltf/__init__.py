@@ -17,7 +17,6 @@ from .. import LoadOptions, Timeline
 from ..files import Reports
 
 NAME = "glTF"
-SUFFIXES = (".gltf", ".glb")
 PACKED = False
 OPTIONS = ("time", "variant", "camera")
 BARE = True

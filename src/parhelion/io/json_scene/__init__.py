@@ -14,7 +14,6 @@ from .schema import schema
 from .writing import dumps, save
 
 NAME = "Parhelion scene"
-SUFFIXES = (".json",)
 OPTIONS = ()
 
-__all__ = ["NAME", "SUFFIXES", "dumps", "load", "save", "schema"]
+__all__ = ["NAME", "dumps", "load", "save", "schema"]

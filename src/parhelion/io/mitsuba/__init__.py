@@ -14,7 +14,6 @@ from ...scene import Scene
 from .. import LoadOptions
 
 NAME = "Mitsuba"
-SUFFIXES = (".xml",)
 PACKED = False
 OPTIONS = ("defines",)
 

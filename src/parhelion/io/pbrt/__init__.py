@@ -14,7 +14,6 @@ from ...scene import Scene
 from .. import LoadOptions
 
 NAME = "pbrt"
-SUFFIXES = (".pbrt",)
 OPTIONS = ()
 BARE = True
 

@@ -17,7 +17,6 @@ from .. import LoadOptions, Timeline
 from ..files import Folders, Reports
 
 NAME = "USD"
-SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 PACKED = False
 OPTIONS = ("frame", "variant", "camera")
 TIME_CODES = True
