@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -192,7 +193,8 @@ def test_the_warning_about_samples_that_are_not_finite_names_it(
     view = core_view(prepared)
     wrong = (float("nan"), 0.0, 0.0)
     monkeypatch.setattr(_core, "one_sample", lambda *a: wrong if a[4] == 5 else (0.0, 0.0, 0.0))
-    renderer._report_bad(prepared, view, settings, counts, bad)
+    image = SimpleNamespace(settings=settings, counts=counts)
+    renderer._report_bad(prepared, view, image, bad)
     assert "1 samples were not finite" in caplog.text
     assert "the first is sample 5 of pixel 13,22 (`parhelion pixel SCENE 13 22 5 " in caplog.text
 

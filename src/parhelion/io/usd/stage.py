@@ -145,6 +145,8 @@ def _users(layer: Any) -> dict[str, str]:
         if not (at.IsPrimPath() or at.IsPrimVariantSelectionPath()):
             return
         prim: Any = layer.GetPrimAtPath(at)
+        if prim is None:  # of a damaged file: listed, but not there
+            return
         for items in (prim.referenceList, prim.payloadList):
             for arc in items.GetAddedOrExplicitItems():
                 found.setdefault(str(arc.assetPath), f"{at}:")
