@@ -432,6 +432,31 @@ def test_a_worker_without_room_leaves_it_to_others(
     same(made, ph.render(scene, **asked))
 
 
+def tighten(room: int) -> None:
+    """Leaves a process so many bytes more than it has."""
+    import resource
+
+    from parhelion.cluster import worker
+
+    worker.build()  # loads the core, as another picture has done before
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    most = pages * resource.getpagesize() + room
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not keep such limits")
+@pytest.mark.parametrize("room", [1 << 20, 8 << 20, 16 << 20])
+def test_a_worker_whose_memory_runs_out_leaves_it_to_others(room: int) -> None:
+    """While the arrays come, or while the tree is built."""
+    centers = np.random.default_rng(1).uniform(-1.0, 1.0, (400_000, 3)).astype(np.float32)
+    scene = prepare(ph.Scene([ph.Spheres(centers, 0.01)]))
+    asked = {**SIZE, "spp": 8}
+    with places.opened("local:2", 1) as (client, _):
+        client.run(tighten, room, workers=one_of(client))
+        made = ph.render(scene, cluster=client, threads=1, **asked)
+    same(made, ph.render(scene, **asked))
+
+
 def test_units_are_short_in_the_end_and_long_for_many() -> None:
     seconds = sampler.unit_seconds
     assert seconds(1e6, 4, 0.001) == sampler.UNIT_SECONDS

@@ -40,12 +40,14 @@ _DEATHS = 5
 class _Worker:
     """state: "unknown", "lacking" while it has no scene, "ready" or "refused". asked: the answer to
     come: to the greeting of one that is unknown, to the scene of one that lacks it. reads: whether
-    that is by reading the scene's file, which is tried once.
+    that is by reading the scene's file, which is tried once. failed: how often the scene could not
+    be put there.
     """
 
     state: str = "unknown"
     asked: Any = None
     reads: bool = False
+    failed: int = 0
 
 
 class Roster:
@@ -63,6 +65,7 @@ class Roster:
         self._numbers = itertools.count()
         self._looked = -LOOK
         self._sending: Future[list[Any]] | None = None
+        self._sent_to = ""  # whose it is to be first
         self._send_from = 0.0  # when the scene may be sent again
         self._begun = False
         self._packed = packed(parts)
@@ -184,17 +187,22 @@ class Roster:
         if not self._sent:
             if self._sending is None:
                 self._sending = Future()
-                Thread(target=self._scatter, args=(self._sending, lacking[0]), daemon=True).start()
+                self._sent_to = min(lacking, key=lambda address: self._workers[address].failed)
+                Thread(
+                    target=self._scatter, args=(self._sending, self._sent_to), daemon=True
+                ).start()
             if not self._sending.done():
                 return
             sending, self._sending = self._sending, None
             error = sending.exception()
-            if error is not None:  # the worker is gone, which is seen at the next look
+            if error is not None:  # the worker is gone, as the next look tells, or has no room
                 self._died += 1
                 if self._client.status != "running" or self._died > _DEATHS:
                     raise error
-                log.debug("%s: %s", lacking[0], error)
+                log.debug("%s: %s", self._sent_to, error)
                 self._send_from = time.monotonic() + LOOK
+                if self._sent_to in self._workers:
+                    self._workers[self._sent_to].failed += 1
                 return
             self._sent = sending.result()
         for address in lacking:
