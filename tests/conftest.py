@@ -24,9 +24,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Hypothesis tries the same every time, but in the long form: a test that fails was changed."""
+    config.option.loadscopereorder = False  # xdist would put files of few tests last
     hypothesis.settings.register_profile("same", derandomize=True)
     if not config.getoption("--long"):
         hypothesis.settings.load_profile("same")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The one test that takes minutes comes first, so that no processor waits for it in the end."""
+    items.sort(key=lambda item: item.path.name != "test_nvrtc.py")
 
 
 @pytest.fixture(scope="session")

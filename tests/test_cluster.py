@@ -652,8 +652,9 @@ def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     programs.mkdir()
     told.mkdir()
     (programs / "sbatch").write_text(
-        f"#!/bin/sh\nsetsid sh $1 > {told}/out 2>&1 &\ncp $1 {told}/$!.sh\n"
-        "echo Submitted batch job $!\n"
+        # a copy, as what it is given is gone when it has answered
+        f"#!/bin/sh\ncp $1 {told}/$$.copy\nsetsid sh {told}/$$.copy > {told}/out 2>&1 &\n"
+        f"cp $1 {told}/$!.sh\necho Submitted batch job $!\n"
     )
     (programs / "scancel").write_text(
         f"#!/bin/sh\nfor job; do kill -- -$job; touch {told}/$job.ended; done\n"
