@@ -398,6 +398,7 @@ def test_positions_are_numbers(kind: type) -> None:
         ({"width": 64.0}, "width is 64.0; must be a whole number"),
         ({"width": 1, "height": 10**30}, "height is 10*; must lie in"),
         ({"spp": 0}, "spp is 0"),
+        ({"spp": True}, "spp is True; must be a whole number"),
         ({"spp": "many"}, "spp is 'many'; must be a whole number"),
         ({"max_depth": 0}, "max_depth is 0"),
         ({"seed": -1}, "seed is -1"),

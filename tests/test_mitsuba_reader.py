@@ -305,7 +305,7 @@ def test_includes_that_include_each_other_are_refused(read: Read, tmp_path: Path
 def test_elements_that_includes_multiply_are_refused(
     read: Read, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("parhelion.io.mitsuba.document._ALWAYS", 1 << 16)
+    monkeypatch.setattr("parhelion.io.files.Included._ALWAYS", 1 << 16)
     many = '<shape type="sphere"/>' * 100
     (tmp_path / "many.xml").write_text(f'<scene version="3.0.0">{many}</scene>')
     shapes = read('<include filename="many.xml"/>' * 10).shapes

@@ -257,7 +257,7 @@ def test_included_files_that_multiply(
     read: Read, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By directives, and by bytes; a few times is usual."""
-    monkeypatch.setattr("parhelion.io.pbrt.reader._ALWAYS", 1 << 16)
+    monkeypatch.setattr("parhelion.io.files.Included._ALWAYS", 1 << 16)
     (tmp_path / "many.pbrt").write_text("Identity\n" * 100)
     assert read('Include "many.pbrt"\n' * 10 + TRIANGLE).shapes
     with pytest.raises(

@@ -23,6 +23,8 @@ _T = TypeVar("_T")
 def whole(name: str, value: Any, low: int, high: int) -> int:
     """A whole number in [low, high]."""
     try:
+        if _is_flag(value):
+            raise TypeError
         number = operator.index(value)
     except TypeError:
         raise _wrong(name, value, "a whole number") from None

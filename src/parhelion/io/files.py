@@ -55,6 +55,34 @@ def contents(path: Path) -> bytes:
     return unpacked[0] if len(unpacked) == 1 else b"".join(unpacked)
 
 
+class Included:
+    """What the files come to that a scene's files include. One may be included many times, each a
+    few bytes that ask for as much again.
+    """
+
+    # So many bytes in all, or so many times the bytes of each once. A statement counts for more
+    # than its bytes, since it takes as long as so much text.
+    _ALWAYS, _TIMES, _STATEMENT = 1 << 26, 16, 512
+
+    def __init__(self) -> None:
+        self._once: dict[Path, int] = {}
+        self._in_all = 0
+
+    def add(self, path: Path, size: int, statements: int) -> None:
+        """Counts a file that has been read."""
+        self._once[path] = size + self._STATEMENT * statements
+        self._in_all += self._once[path]
+
+    def check(self, helps: str) -> None:
+        """Raises SceneError where it is too much; helps: against that."""
+        if self._in_all > max(self._ALWAYS, self._TIMES * sum(self._once.values())):
+            raise SceneError(
+                f"included files come to more than {self._TIMES} times what they hold, and to more"
+                f" than {self._ALWAYS >> 20} MiB, of which {self._STATEMENT} bytes for each"
+                f" statement; {helps}"
+            )
+
+
 class Folders:
     """The folder of a scene, and others that the user allows with --allow-path.
 

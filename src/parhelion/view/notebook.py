@@ -12,11 +12,12 @@ from typing import Any
 
 import msgspec
 
+from .. import arguments
 from ..errors import ResourceError
 from ..scene import Scene
 from .messages import Client, Packer
 from .server import PAGE
-from .session import LARGEST_SIDE, Session, whole
+from .session import LARGEST_SIDE, Session
 
 try:
     import anywidget
@@ -40,7 +41,8 @@ def _end_all() -> None:
 
 def view(scene: Scene, height: int, **settings: Any) -> Viewer:
     """See Scene.view()."""
-    whole("height", height, LARGEST_SIDE)  # before there is a session that nobody would end
+    # before there is a session that nobody would end
+    arguments.whole("height", height, 1, LARGEST_SIDE)
     return Viewer(Session(scene, **settings), height=height)
 
 

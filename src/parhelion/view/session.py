@@ -27,7 +27,7 @@ import numpy as np
 from .. import arguments, machine, memory
 from ..denoise import check_denoiser, denoised, finite, guides_of
 from ..display import Display
-from ..errors import ParhelionError, ResourceError, SceneError, option, unknown_name
+from ..errors import ParhelionError, ResourceError, SceneError, unknown_name
 from ..image import HIDDEN, Image, RenderStats
 from ..renderer import Prepared, merged, plain_camera, prepare
 from ..scene import Camera, Framing, Scene
@@ -117,7 +117,7 @@ class Session:
         self._frame: Frame | None = None
         self._full: Frame | None = None
         self._rate = UNKNOWN_RATE
-        self._spp = whole("spp", spp, 2**23)
+        self._spp = arguments.whole("spp", spp, 1, 2**23)
         self._drawing: Drawing | None = None
         self._number = 0
         self._hides = 0  # that were asked for
@@ -204,7 +204,8 @@ class Session:
 
     def resize(self, width: int, height: int) -> None:
         """Another size, in pixels. Raises SceneError, and ResourceError if memory is too small."""
-        width, height = whole("width", width, LARGEST_SIDE), whole("height", height, LARGEST_SIDE)
+        width = arguments.whole("width", width, 1, LARGEST_SIDE)
+        height = arguments.whole("height", height, 1, LARGEST_SIDE)
         _check_size(width, height)
         now = self._request
         if (width, height) == (now.width, now.height):
@@ -281,7 +282,7 @@ class Session:
     def limit(self, spp: int) -> None:
         """Samples a pixel after which it rests."""
         with self._condition:
-            self._spp = whole("spp", spp, 2**23)
+            self._spp = arguments.whole("spp", spp, 1, 2**23)
             self._condition.notify_all()
         self._tell("state")
 
@@ -740,13 +741,6 @@ def resident() -> int | None:
     import resource
 
     return pages * resource.getpagesize()
-
-
-def whole(name: str, value: Any, most: int) -> int:
-    """A whole number from 1. Raises SceneError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
-        raise SceneError(f"{option(name)} is {value!r}; must be a whole number in [1, {most}]")
-    return value
 
 
 def _share(value: Any) -> float:

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-from ...errors import FormatError, unknown_name
+from ...errors import FormatError, SceneError, unknown_name
 from ...spectra import decode_srgb
-from ..files import Folders
+from ..files import Folders, Included
 from . import transforms
 
 # Elements that are objects of a type, and names that older versions called them by
@@ -33,10 +33,6 @@ _DEEPEST = 100
 # Includes in includes
 _DEEPEST_INCLUDE = 20
 _MOST_INCLUDES = 1000
-# What included files come to in all: so much, or so many times what there is once. An element
-# counts for more than its bytes, since it takes as long as so much text.
-_ALWAYS, _TIMES = 1 << 26, 16
-_ELEMENT = 512
 # Bytes of a scene file: text, of which the large parts lie in other files
 _LARGEST = 1 << 28
 # Characters of a value with its parameters put in: each may hold the one before many times over
@@ -131,8 +127,7 @@ class Document:
         self._used: set[str] = set()
         self._including: list[Path] = []
         self._included = 0
-        self._sizes: dict[Path, int] = {}
-        self._read_in_all = 0
+        self._included_text = Included()
         root = self._parse(path)
         if root.tag != "scene":
             raise FormatError(
@@ -188,7 +183,7 @@ class Document:
         text = path.read_bytes() if path.stat().st_size <= _LARGEST else None
         if text is None:
             raise FormatError(f"{path}: is larger than {_LARGEST >> 20} MiB, which no scene is")
-        size = len(text)
+        count = 0
         parser = expat.ParserCreate()
         parser.buffer_text = True
         stack: list[_Node] = []
@@ -198,8 +193,8 @@ class Document:
             return Place(path, parser.CurrentLineNumber)
 
         def start(tag: str, attributes: dict[str, str]) -> None:
-            nonlocal size
-            size += _ELEMENT
+            nonlocal count
+            count += 1
             if len(stack) >= _DEEPEST:
                 raise FormatError(f"{place()}: more than {_DEEPEST} elements in each other")
             node = _Node(tag, attributes, place())
@@ -231,8 +226,7 @@ class Document:
             raise FormatError(f"{path}: line {error.lineno}: is not XML: {reason}") from None
         except (LookupError, ValueError) as error:  # an unknown encoding
             raise FormatError(f"{path}: is not XML: {error}") from None
-        self._sizes[path] = size
-        self._read_in_all += size
+        self._included_text.add(path, len(text), count)
         return roots[0]
 
     def _version(self, root: _Node) -> None:
@@ -345,12 +339,10 @@ class Document:
         self._included += 1
         if self._included > _MOST_INCLUDES:
             raise FormatError(f"{node.place}: more than {_MOST_INCLUDES} files are included in all")
-        if self._read_in_all > max(_ALWAYS, _TIMES * sum(self._sizes.values())):
-            raise FormatError(
-                f"{node.place}: included files come to more than {_TIMES} times what they hold, and"
-                f" to more than {_ALWAYS >> 20} MiB, of which {_ELEMENT} bytes for each element;"
-                " an instance shows one shapegroup many times"
-            )
+        try:
+            self._included_text.check("an instance shows one shapegroup many times")
+        except SceneError as error:
+            raise FormatError(f"{node.place}: {error}") from None
         root = self._parse(file)
         self._including.append(file)
         if root.tag != "scene":  # one object

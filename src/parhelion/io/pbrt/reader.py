@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import FormatError, SceneError
 from ...scene import Background, Light, Scene, Solid
 from .. import LoadOptions
-from ..files import Folders, Reports, contents
+from ..files import Folders, Included, Reports, contents
 from . import transforms
 from .grammar import Directive, Parameter, Source, directives
 from .items import Item, Textures
@@ -25,10 +25,6 @@ T = TypeVar("T")
 # files could otherwise make endless
 _DEEPEST_INCLUDE = 50
 _MOST_INCLUDES = 10_000
-# What included files come to in all: so much, or so many times what there is once. A directive
-# counts for more than its bytes, since it takes as long as so many numbers.
-_ALWAYS, _TIMES = 1 << 26, 16
-_DIRECTIVE = 512
 
 # Parameters that Attribute gives to all of a kind, each of which has them all
 _MOST_ATTRIBUTES = 1000
@@ -114,8 +110,7 @@ class Reader:
         self._placed: list[tuple[Directive, Matrix]] = []
         self._including: list[Path] = []
         self._included = 0
-        self._sizes: dict[Path, int] = {}
-        self._read_in_all = 0
+        self._included_text = Included()
         self._texts: set[str] = set()
         self._files: dict[Path, object] = {}
 
@@ -179,9 +174,9 @@ class Reader:
         self._including.append(path.resolve())
         self._texts.add(str(path))
         data = contents(path)
-        size = len(data)
+        count = 0
         for directive in directives(Source(path, data)):
-            size += _DIRECTIVE
+            count += 1
             try:
                 self._obey(directive)
             except (SceneError, ValueError) as error:
@@ -190,8 +185,7 @@ class Reader:
                     raise directive.error(str(error)) from None
                 raise
         self._including.pop()
-        self._sizes[path] = size
-        self._read_in_all += size
+        self._included_text.add(path, len(data), count)
 
     # Directives
 
@@ -330,12 +324,7 @@ class Reader:
             raise d.error(
                 f"more than {_DEEPEST_INCLUDE} files in each other, or {_MOST_INCLUDES} in all"
             )
-        if self._read_in_all > max(_ALWAYS, _TIMES * sum(self._sizes.values())):
-            raise d.error(
-                f"included files come to more than {_TIMES} times what they hold, and to more than"
-                f" {_ALWAYS >> 20} MiB, of which {_DIRECTIVE} bytes for each directive;"
-                " ObjectInstance shows one object many times"
-            )
+        self._included_text.check("ObjectInstance shows one object many times")
         depth, state = len(self._saved), copy.copy(self.state)
         self._read(path)
         if d.name == "Import":

@@ -22,7 +22,6 @@ _MOST_LAYERS = 100_000
 _DEEPEST = 2000
 # How files with USD's own suffixes begin
 _KINDS = (b"#usda", b"PXR-USDC", b"PK")
-_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 def opened(path: Path, options: LoadOptions, folders: Folders, reports: Reports) -> Any:
@@ -157,7 +156,7 @@ def _users(layer: Any) -> dict[str, str]:
 
 def _refuse_foreign(file: Path, where: str) -> None:
     """Raises FormatError for a file that has a name of USD's, and something else in it."""
-    if file.suffix.lower() not in _SUFFIXES or not file.is_file():
+    if not file.suffix.lower().startswith(".usd") or not file.is_file():
         return
     with file.open("rb") as stream:
         start = stream.read(8)
