@@ -23,8 +23,10 @@ struct Features {
 
 namespace parhelion::PH_ISA {
 
-// Bounces before the roulette may end a path.
-inline constexpr u32 kRouletteStart = 4;
+// Bounces before the roulette may end a path, and what a path still carries then: above that, what
+// is lost by its end would be worth more than the time it takes (docs/performance.md).
+inline constexpr u32 kRouletteStart = 3;
+inline constexpr float kRouletteBelow = 0.25f;
 // Holes that one ray may pass.
 inline constexpr u32 kMaxHoles = 1024;
 
@@ -327,7 +329,8 @@ PH_INLINE bool scatter(const SceneView& scene, const RenderView& view, const Mat
   }
 
   // Russian roulette
-  const float survival = min(max_component(path.throughput) * path.eta_scale, 0.95f);
+  const float carried = max_component(path.throughput) * path.eta_scale;
+  const float survival = min(carried * (1.0f / kRouletteBelow), 0.95f);
   if (!(survival > 0.0f)) return false;
   if (view.roulette && path.depth >= kRouletteStart && survival < 0.95f) {
     if (roulette >= survival) return false;
