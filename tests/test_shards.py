@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import random
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import parhelion as ph
-from parhelion import cli, shards
+from parhelion import checkpoint, cli, shards
 from parhelion.layers import PictureFile
 from parhelion.renderer import prepare
 from picture_tools import assert_same, read_picture
@@ -200,10 +202,13 @@ def test_what_is_missing_is_named(three: list[Path], scene: Any, tmp_path: Path)
 
 
 def test_a_shard_that_is_there_twice_is_told(
-    three: list[Path], scene: Any, caplog: pytest.LogCaptureFixture
+    three: list[Path], scene: Any, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     merged = ph.merge([three[1], *three])
-    assert "2-of-3.part: is shard 2/3, as" in caplog.text
+    assert "2-of-3.part: is given twice" in caplog.text
+    other = shutil.copy(three[1], tmp_path / "other.part")
+    ph.merge([*three, other])
+    assert re.search(r"other\.part: is shard 2/3, as .*2-of-3\.part is", caplog.text)
     np.testing.assert_array_equal(merged.numpy(), ph.render(scene, **SIZE).numpy())
 
 
@@ -288,6 +293,38 @@ def test_files_that_are_no_shards(three: list[Path], scene: Any, tmp_path: Path)
     for wrong in (None, [], {"names": 3}):
         rewritten(three[0], other, lambda told, w=wrong: told.update(scale=w), "picture.json")
         refused("damaged")
+
+
+@pytest.mark.parametrize(
+    ("member", "change"),
+    [
+        ("checkpoint.json", lambda header: header["identity"].update(shard=5)),
+        ("checkpoint.json", lambda header: header["spent"].update(seconds="x")),
+        ("checkpoint.json", lambda header: header["spent"].update(seconds=float("nan"))),
+        ("checkpoint.json", lambda header: header["spent"].update(samples=None)),
+        ("checkpoint.json", lambda header: header["spent"].clear()),
+        ("picture.json", lambda told: told["names"].update(shape_names=7)),
+        ("picture.json", lambda told: told.update(scale="much")),
+    ],
+)
+def test_values_of_wrong_kinds_are_damage(
+    three: list[Path], tmp_path: Path, member: str, change: Any
+) -> None:
+    bad = rewritten(three[0], tmp_path / "bad.part", change, member)
+    with pytest.raises(ph.FormatError, match=r"bad\.part: is no checkpoint, or a damaged one"):
+        ph.merge([bad, *three[1:]])
+
+
+def test_a_shard_that_cannot_be_written_is_no_success(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: Any) -> None:
+        raise ph.ResourceError("x.part: cannot be written: No space left on device")
+
+    monkeypatch.setattr(checkpoint, "save", full)
+    words = ["--width", "32", "--spp", "1", "--shard", "1/2", "-o", str(tmp_path / "x.part")]
+    assert cli.main(["render", *words]) == 2
+    assert "x.part: cannot be written" in capsys.readouterr().err
 
 
 def test_any_spoilt_file_is_refused_or_harmless(three: list[Path], tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import os
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,13 +123,31 @@ def resume(path: str | os.PathLike[str], rendering: Rendering, made_of: dict[str
             fill(archive, name, values)
         for name, values in of_film(rendering.film).items():
             fill(archive, name, values, own)
-        told = Spent(**header["spent"])
-        numbers = Spent(int(told.samples), int(told.rays), float(told.seconds))
-        if numbers != told or not math.isfinite(numbers.seconds):
-            raise ValueError
+        told = spent(header)
         if max(rendering.done.max(), rendering.targets.max()) > _MOST_SAMPLES:
             raise ValueError
-        rendering.spent = numbers
+        rendering.spent = told
+
+
+def spent(header: Any) -> Spent:
+    """What a rendering took, as a header tells it. Raises TypeError, KeyError or ValueError."""
+    told = Spent(*(header["spent"][field.name] for field in fields(Spent)))
+    numbers = Spent(int(told.samples), int(told.rays), float(told.seconds))
+    if numbers != told or not math.isfinite(numbers.seconds):
+        raise ValueError
+    return numbers
+
+
+# What reading values of the wrong kinds, or a file that is cut off, may raise
+_DAMAGE = (
+    zipfile.BadZipFile,
+    AttributeError,
+    KeyError,
+    TypeError,
+    ValueError,
+    EOFError,
+    RuntimeError,
+)
 
 
 @contextmanager
@@ -145,7 +163,7 @@ def reading(file: Path) -> Iterator[zipfile.ZipFile]:
         raise
     except OSError as error:
         raise FormatError(f"{file}: cannot be read: {error.strerror or error}") from error
-    except (zipfile.BadZipFile, KeyError, TypeError, ValueError, EOFError, RuntimeError) as error:
+    except _DAMAGE as error:
         raise FormatError(f"{file}: is no checkpoint, or a damaged one") from error
 
 

@@ -142,8 +142,8 @@ def _told(file: Path) -> _Part:
             raise SceneError("is of another version of Parhelion")
         if identity["shard"] is None:
             raise SceneError(
-                f"is the checkpoint of a whole picture, not of a shard, which"
-                f" {option('shard')} makes"
+                "is the checkpoint of a whole picture, not of a shard, as"
+                f" {option('shard')} makes them"
             )
         told = checkpoint.text(archive, checkpoint.PICTURE)
         known = {field.name for field in fields(Settings)} - {"spp", "noise"}
@@ -162,10 +162,10 @@ def _told(file: Path) -> _Part:
             identity=identity,
             spp=header["spp"],
             samples=int(done[cells.reshape(-1)].min()),
-            spent=Spent(**header["spent"]),
+            spent=checkpoint.spent(header),
             settings=settings,
             camera=plain_camera(Camera(**tuples(identity["camera"]))),
-            names=_Names(**told["names"], scene=identity["scene"]),
+            names=_names(told["names"], identity["scene"]),
             legend=_legend(told["legend"]),
             source=None if told["source"] is None else Source(**told["source"]),
             scale=float(told["scale"]),
@@ -193,10 +193,13 @@ def _checked(parts: list[_Part]) -> list[_Part]:
     for part in parts:
         index = part.shard[0]
         if index in by_index:
-            log.warning(
-                "%s: is shard %d/%d, as %s is, which is taken",
-                *(part.file, index, count, by_index[index].file),
-            )
+            taken = by_index[index].file
+            if taken == part.file:
+                log.warning("%s: is given twice", part.file)
+            else:
+                log.warning(
+                    "%s: is shard %d/%d, as %s is, which is taken", part.file, index, count, taken
+                )
         by_index.setdefault(index, part)
     short = [part for part in by_index.values() if part.samples < part.spp]
     missing = [i for i in range(1, count + 1) if i not in by_index]
@@ -260,6 +263,12 @@ def _film(parts: list[_Part], features: bool) -> Any:
             for name, values in checkpoint.of_film(film).items():
                 checkpoint.fill(archive, name, values, own)
     return film
+
+
+def _names(told: dict[str, list[str]], scene: str) -> _Names:
+    if not all(isinstance(name, str) for names in told.values() for name in names):
+        raise TypeError
+    return _Names(**{kind: list(names) for kind, names in told.items()}, scene=scene)
 
 
 def _legend(told: Any) -> ColorBar | Swatches | None:

@@ -489,10 +489,21 @@ def _checkpointed(
     rendering.save_every(interval, save)
     try:
         ended = rendering.run(report)
-    except (ResourceError, KeyboardInterrupt):  # a cluster that is gone; a user who has enough
+    except KeyboardInterrupt:  # a user who has enough
         save()
         raise
-    save()
+    except ResourceError as error:  # a cluster that is gone
+        save()
+        if rendering.spent.samples and os.path.exists(file):
+            raise ResourceError(
+                f"{error}; {os.fspath(file)} has what was rendered, and {option('resume')} goes on"
+                " from it"
+            ) from error
+        raise
+    if picture is None:
+        save()
+    else:  # a shard, of which nothing else is kept
+        checkpoints.save(file, rendering, made_of, picture)
     return ended
 
 

@@ -50,6 +50,9 @@ def parser() -> argparse.ArgumentParser:
         command.add(commands)
     for added in commands.choices.values():
         added.set_defaults(flags=_flags(added))
+    # It speaks of how its files are made.
+    made_by, merged = _flags(commands.choices["render"]), _flags(commands.choices["merge"])
+    commands.choices["merge"].set_defaults(flags={**made_by, **merged})
     return top
 
 
