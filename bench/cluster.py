@@ -125,7 +125,8 @@ def play(workers: int, seconds: float, size: tuple[int, int], costs: Costs) -> P
             worker = free.popleft()
             samples = float(sampler._FIRST)
             if speed:
-                samples = speed * sampler.unit_seconds(left / speed, workers, each)
+                had = done * areas[tile] / speed
+                samples = speed * sampler.unit_seconds(left / speed, had, len(areas), workers, each)
             step = sampler.even_part(spp - done, samples / areas[tile])
             left -= step * areas[tile]
             units += 1
@@ -148,13 +149,19 @@ class _Film:
 @contextmanager
 def of_length(seconds: float, edge: int = sampler.EDGE) -> Iterator[None]:
     """In the block units take so long, whatever they cost, and their tiles are as large."""
-    kept = sampler.UNIT_SECONDS, sampler._SHORTEST, sampler._BUSY, sampler.EDGE
+    kept = sampler.UNIT_SECONDS, sampler._SHORTEST, sampler._BUSY, sampler.EDGE, sampler._GROWTH
     sampler.UNIT_SECONDS, sampler._BUSY, sampler.EDGE = seconds, math.inf, edge
-    sampler._SHORTEST = min(seconds, sampler._SHORTEST)
+    sampler._SHORTEST, sampler._GROWTH = min(seconds, sampler._SHORTEST), math.inf
     try:
         yield
     finally:
-        sampler.UNIT_SECONDS, sampler._SHORTEST, sampler._BUSY, sampler.EDGE = kept
+        (
+            sampler.UNIT_SECONDS,
+            sampler._SHORTEST,
+            sampler._BUSY,
+            sampler.EDGE,
+            sampler._GROWTH,
+        ) = kept
 
 
 @dataclass
@@ -213,7 +220,7 @@ def measure(rounds: int, spp: int) -> Costs:
     print("|---|---|---|---|---|---|---|")
     line = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for count in (1, 2):
-        with places.opened(f"local:{count}", 1) as (client, _):
+        with places.opened(f"local:{count}", 1) as (client, *_):
             render_with(client, scene, 4, SIZE)  # the scene goes there
             if count == 1:
                 line = _line(client, scene)

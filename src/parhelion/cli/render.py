@@ -255,8 +255,7 @@ def run(args: argparse.Namespace) -> int:
             if args.cluster is not None:  # one for all pictures
                 from ..cluster.places import opened
 
-                there = stack.enter_context(opened(args.cluster, args.threads))
-                settings["cluster"], settings["threads"] = there
+                settings["cluster"] = stack.enter_context(opened(args.cluster, args.threads))
             return sequences.run(args, output, settings)
         if args.shard is not None:
             return _part(args, settings, begun)
@@ -309,6 +308,9 @@ def _picture(args: argparse.Namespace, output: str, settings: dict[str, Any], be
     # The camera can only be the file's own.
     with options.naming(args, "camera:"), watch.watching(args.quiet):
         image = clean = render(scene, progress=watch, **settings)
+        if watch.stopped and not image.stats.samples and not image.counts.any():
+            print(f"parhelion: stopped before the first sample; no {output}", file=sys.stderr)
+            return 130
         if watch.stopped and args.features:  # packing all layers of 1920x1080 takes three seconds
             replace(image, features={}).save(output, bits=args.bits, **how)
             if not args.quiet:
@@ -360,7 +362,8 @@ def _part(args: argparse.Namespace, settings: dict[str, Any], begun: float) -> i
             raise SceneError(f"{option(name)} is not for a shard, whose file is its checkpoint")
     for name in ("denoise", "legend", *_OF_PICTURES):
         if getattr(args, name) != args.default_of(name):
-            raise SceneError(f"{option(name)} is for whole pictures; give it to `parhelion merge`")
+            then = "image" if name == "denoise" else "merge"
+            raise SceneError(f"{option(name)} is for whole pictures; give it to `parhelion {then}`")
     if args.checkpoint_every is not None:
         settings["checkpoint_every"] = args.checkpoint_every
     if args.time_limit is not None:

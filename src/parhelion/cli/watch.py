@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -21,12 +21,14 @@ class Watch:
 
     def __init__(self) -> None:
         self.count, self.done = 1, 0
+        self._called = False
         self._samples = self._rays = 0
         self._seconds = 0.0
         self._report: ProgressCallback | None = None
         self._stop: list[int] = []
 
     def __call__(self, state: Progress) -> bool:
+        self._called = True
         if self._report is not None:
             self._report(
                 replace(
@@ -55,7 +57,7 @@ class Watch:
     def watching(self, quiet: bool) -> Iterator[None]:
         """Shows a bar and minds signals in the block."""
         with ExitStack() as stack:
-            self._stop = stack.enter_context(_interrupts())
+            self._stop = stack.enter_context(_interrupts(lambda: self._called))
             if not quiet:
                 from ..progress import bar
 
@@ -64,13 +66,15 @@ class Watch:
 
 
 @contextmanager
-def _interrupts() -> Iterator[list[int]]:
-    """A list that is no longer empty once SIGINT or SIGTERM has come; a second one ends at once."""
+def _interrupts(asked: Callable[[], bool]) -> Iterator[list[int]]:
+    """A list that is no longer empty once SIGINT or SIGTERM has come; a second one ends at once, as
+    does the first while nobody has asked for it yet: a cluster may take hours to come.
+    """
     stop: list[int] = []
 
     def note(number: int, _frame: Any) -> None:
         stop.append(number)
-        if len(stop) > 1:
+        if len(stop) > 1 or not asked():
             raise KeyboardInterrupt
 
     old = {s: signal.signal(s, note) for s in (signal.SIGINT, signal.SIGTERM)}

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("parhelion")
 
+# Parts that failed for good of which each is told
+_TOLD = 10
+
 
 @contextmanager
 def sampler_of(cluster: Any, threads: int, *picture: Any, **how: Any) -> Iterator[Workers]:
@@ -26,11 +29,13 @@ def sampler_of(cluster: Any, threads: int, *picture: Any, **how: Any) -> Iterato
     from .places import opened
     from .sampler import Workers
 
-    with opened(cluster, threads) as (client, each):
-        workers = Workers(client, *picture, threads=each, **how)
+    with opened(cluster, threads) as place:
+        workers = Workers(place, *picture, **how)
         try:
             yield workers
         finally:
             workers.close()
-            for failure in workers.failures:
+            for failure in workers.failures[:_TOLD]:
                 log.error("%s", failure)
+            if len(workers.failures) > _TOLD:
+                log.error("and %d parts more failed", len(workers.failures) - _TOLD)

@@ -61,8 +61,8 @@ class Dispatcher:
         return sorted(some, key=self._load.__getitem__)
 
     def all_but(self, workers: Set[str]) -> bool:
-        """Whether there are others, that work, than these."""
-        return not self._roster.ready - self._standing <= workers
+        """Whether there are others than these that work, or may soon."""
+        return not (self._roster.ready - self._standing) | self._roster.coming <= workers
 
     def hand(self, task: Task, worker: str) -> None:
         """Gives a unit to a worker."""
@@ -87,11 +87,14 @@ class Dispatcher:
                 task, worker = self._by_key[future.key]
                 answers[task] = self._heard(task, worker, future, result)
         gone = self._load.keys() - self._roster.there
-        for task in [t for t in self._tasks if not gone.isdisjoint(t.futures)]:
-            for worker in gone & task.futures.keys():
-                self._without(task, worker)
-                answers[task] = Failed(worker, "its worker ended")
         for worker in gone:
+            theirs = sorted((t for t in self._tasks if worker in t.futures), key=lambda t: t.since)
+            for task in theirs:
+                self._without(task, worker)
+                answers[task] = None
+            # A unit may have ended its worker if that was at it, and no other went as well.
+            if theirs and len(gone) == 1:
+                answers[theirs[0]] = Failed(worker, "its worker ended")
             del self._load[worker]
         self._help()
         return [(t, answer) for t, answer in answers.items() if t not in self._tasks]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
+import concurrent.futures
 import logging
 import shutil
 import signal
 import socket
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Any
+from threading import Thread
+from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
 from .. import machine, memory
@@ -27,19 +29,32 @@ _ANSWER = 10
 # Seconds that a worker has to be reached without its scheduler
 _REACH = 2.0
 # Before Python 3.11 asyncio's is another
-TIMEOUTS = (TimeoutError, asyncio.TimeoutError)
+TIMEOUTS = (TimeoutError, asyncio.TimeoutError, concurrent.futures.TimeoutError)
+
+
+class Opened(NamedTuple):
+    """client: of dask.distributed. threads: that each of its workers is to use, 0 for all of its
+    cores. look: to be called while workers are waited for, and once they are there; raises
+    ResourceError where none can come.
+    """
+
+    client: Any
+    threads: int
+    look: Callable[[], None] = lambda: None
 
 
 @contextmanager
-def opened(cluster: Any, threads: int) -> Iterator[tuple[Any, int]]:
-    """A client of dask.distributed, and how many threads each of its workers is to use, 0 for all
-    of its cores. What was started for the block ends with it.
+def opened(cluster: Any, threads: int) -> Iterator[Opened]:
+    """A cluster. What was started for the block ends with it.
 
-    cluster: a client; "local:4", four processes of this machine; a scheduler's address;
-    "slurm:FILE", jobs as a file says. threads: of a worker, 0 for what is there. Raises SceneError
-    for a name without meaning, FormatError for such a file, and ResourceError without the extra
-    `cluster` or where nothing answers.
+    cluster: one that is open, or a client; "local:4", four processes of this machine; a scheduler's
+    address; "slurm:FILE", jobs as a file says. threads: of a worker, 0 for what is there. Raises
+    SceneError for a name without meaning, FormatError for such a file, and ResourceError without
+    the extra `cluster` or where nothing answers.
     """
+    if isinstance(cluster, Opened):
+        yield cluster
+        return
     try:
         import distributed
     except ImportError:
@@ -50,7 +65,7 @@ def opened(cluster: Any, threads: int) -> Iterator[tuple[Any, int]]:
         if cluster.asynchronous or cluster.status != "running":
             raise SceneError(f"{option('cluster')} is {cluster!r}; must be one that waits and runs")
         _warn(cluster)
-        yield cluster, threads
+        yield Opened(cluster, threads)
         return
     if not isinstance(cluster, str):
         raise SceneError(
@@ -63,32 +78,37 @@ def opened(cluster: Any, threads: int) -> Iterator[tuple[Any, int]]:
             count = _count(cluster, rest)
             processes = stack.enter_context(_processes(distributed, cluster, count))
             client = stack.enter_context(distributed.Client(processes, direct_to_workers=True))
-            yield client, threads or max(1, machine.cores_available() // count)
+            yield Opened(client, threads or max(1, machine.cores_available() // count))
         elif kind == "slurm":
-            jobs = stack.enter_context(_jobs(Path(rest)))
+            jobs, refused = _jobs(cluster, rest)
+            stack.enter_context(jobs)
             client = stack.enter_context(distributed.Client(jobs))
             _warn(client)
-            _wait_for_one(client, jobs)
-            _go_direct(client)
-            yield client, threads
+
+            def look() -> None:
+                _check_jobs(client, refused)
+                _go_direct(client)
+
+            yield Opened(client, threads, look)
         else:
             client = stack.enter_context(_connected(distributed, cluster))
             _warn(client)
-            _go_direct(client)
-            yield client, threads
+            yield Opened(client, threads, partial(_go_direct, client))
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Dask says nothing of its own work but errors, unless all is to be said."""
-    theirs = logging.getLogger("distributed")
-    level = theirs.level
+    theirs = [logging.getLogger(name) for name in ("distributed", "distributed.client", "asyncio")]
+    levels = [logger.level for logger in theirs]
     if not log.isEnabledFor(logging.DEBUG):
-        theirs.setLevel(logging.CRITICAL)
+        for logger in theirs:
+            logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        theirs.setLevel(level)
+        for logger, level in zip(theirs, levels, strict=True):
+            logger.setLevel(level)
 
 
 def _share(count: int) -> int | None:
@@ -131,12 +151,18 @@ def _processes(distributed: Any, cluster: str, count: int) -> Any:
         ) from error
 
 
-def _jobs(file: Path) -> Any:
-    """Workers that are jobs of SLURM: a file's arguments of dask_jobqueue.SLURMCluster."""
+def _jobs(cluster: str, name: str) -> tuple[Any, Sequence[Exception]]:
+    """Workers that are jobs of SLURM: a file's arguments of dask_jobqueue.SLURMCluster. And why
+    jobs were refused, as that comes to be known.
+    """
+    file = Path(name)
+    if not name:
+        raise SceneError(f"{option('cluster')} is {cluster!r}; must be {_NAMES}")
     own = signal.getsignal(signal.SIGINT)
     try:
         import yaml
-        from dask_jobqueue import SLURMCluster
+        from dask_jobqueue.slurm import SLURMCluster, SLURMJob
+        from distributed import Status
     except ImportError:
         raise ResourceError(
             "slurm:FILE needs dask-jobqueue: pip install 'parhelion[cluster]'"
@@ -159,23 +185,34 @@ def _jobs(file: Path) -> Any:
         raise FormatError(f"{file}: lacks {' and '.join(missing)} of a job")
     if shutil.which("sbatch") is None:
         raise ResourceError(f"{file}: there is no sbatch here to hand jobs to SLURM")
+    refused: list[Exception] = []
+
+    # What batch systems say of a job comes to nobody otherwise.
+    class Job(SLURMJob):
+        async def start(self) -> None:
+            try:
+                await super().start()  # type: ignore[no-untyped-call]
+            except Exception as error:
+                refused.append(error)
+                self.status = Status.failed
+                raise
+
+    class Jobs(SLURMCluster):
+        job_cls = Job
+
     try:
-        cluster = SLURMCluster(**{"processes": 1, "name": "parhelion", **told})
+        found = Jobs(**{"processes": 1, "name": "parhelion", **told})
     except (TypeError, ValueError, OSError, RuntimeError) as error:
         raise FormatError(f"{file}: {error}") from error
-    cluster.scale(jobs=jobs)
-    return cluster
+    found.scale(jobs=jobs)  # type: ignore[no-untyped-call]
+    return found, refused
 
 
-def _wait_for_one(client: Any, jobs: Any) -> None:
-    """Until the first job runs, for as long as that takes."""
-    for seconds in itertools.chain([_ANSWER], itertools.repeat(3600)):
-        with suppress(*TIMEOUTS):
-            client.wait_for_workers(1, timeout=seconds)
-            return
-        if not jobs.workers:
-            raise ResourceError("SLURM took no job")
-        log.warning("waiting for SLURM to begin the first of %d jobs", len(jobs.workers))
+def _check_jobs(client: Any, refused: Sequence[Exception]) -> None:
+    """Raises ResourceError where the batch system has taken no job."""
+    if refused and not client.scheduler_info(n_workers=1)["workers"]:
+        said = [line.strip() for line in str(refused[0]).splitlines() if line.strip()]
+        raise ResourceError(f"SLURM took no job: {said[-1] if said else repr(refused[0])}")
 
 
 def _connected(distributed: Any, cluster: str) -> Any:
@@ -184,24 +221,57 @@ def _connected(distributed: Any, cluster: str) -> Any:
     if kind not in ("tcp", "tls", "ucx", "ws", "wss") or not rest.startswith("//"):
         raise SceneError(f"{option('cluster')} is {cluster!r}; must be {_NAMES}")
     try:
-        return distributed.Client(cluster, timeout=_ANSWER)
+        place = urlsplit(cluster)
+        socket.getaddrinfo(place.hostname, place.port)
+        return _within(_ANSWER + _REACH, lambda: _client(distributed, cluster))
     except (OSError, *TIMEOUTS) as error:
-        raise ResourceError(f"{cluster}: no scheduler answers: {error}") from error
+        why = str(error) or f"nothing that it says within {_ANSWER} s is of Dask"
+        raise ResourceError(f"{cluster}: no scheduler answers: {why}") from error
     except ValueError as error:
         raise SceneError(f"{option('cluster')} is {cluster!r}: {error}") from error
     except TypeError as error:  # as Dask says it
-        if kind != "tls":
-            raise
-        raise SceneError(
-            f"{option('cluster')} is {cluster!r}, and Dask has no certificates for TLS"
-            " (docs/cluster.md)"
-        ) from error
+        told = f"{option('cluster')} is {cluster!r}"
+        if "identity()" in str(error):
+            raise SceneError(f"{told}, a worker's address; must be its scheduler's") from error
+        if kind == "tls":
+            raise SceneError(
+                f"{told}, and Dask has no certificates for TLS (docs/cluster.md)"
+            ) from error
+        raise ResourceError(f"{cluster}: Dask cannot connect by {kind}: {error}") from error
+
+
+def _client(distributed: Any, address: str) -> Any:
+    client = distributed.Client(address, timeout=_ANSWER)
+    try:
+        client.scheduler_info(n_workers=0)  # workers do not take that argument
+    except TypeError:
+        client.close()
+        raise
+    return client
+
+
+def _within(seconds: float, make: Callable[[], Any]) -> Any:
+    """What a function returns, in a thread that is left where it takes longer: Dask's own limit
+    does not hold where something answers that is no scheduler. Raises one of TIMEOUTS.
+    """
+    made: concurrent.futures.Future[Any] = concurrent.futures.Future()
+
+    def run() -> None:
+        try:
+            made.set_result(make())
+        except BaseException as error:
+            made.set_exception(error)
+
+    Thread(target=run, daemon=True).start()
+    return made.result(seconds)
 
 
 def _go_direct(client: Any) -> None:
     """Has what is seen come straight from the workers, if they can be reached from here."""
-    workers = list(client.scheduler_info(n_workers=-1)["workers"])
-    if workers and client.direct_to_workers is None:
+    if client.direct_to_workers is not None:
+        return
+    workers = list(client.scheduler_info(n_workers=1)["workers"])
+    if workers:
         client.direct_to_workers = reaches(workers[0]) or None
 
 

@@ -11,14 +11,16 @@ from __future__ import annotations
 import itertools
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass
+from importlib import import_module
 from threading import Thread
 from typing import Any
 
 from ..errors import ResourceError, SceneError
-from .places import TIMEOUTS, is_here, reaches
+from . import worker as worker_module
+from .places import is_here, reaches
 from .scenes import packed
 from .worker import Absent, Picture, WrongBuild, greet, keep, read
 
@@ -26,7 +28,7 @@ log = logging.getLogger("parhelion")
 
 # Seconds between two looks at which workers there are
 LOOK = 1.0
-# Seconds that the first worker, and its first answer, may take
+# Seconds of waiting for the first worker before that is told, and that first answers may take
 _ALONE = 10.0
 # Bytes of a scene from which on workers on other machines try to read its file themselves
 _READ = 1 << 24
@@ -39,20 +41,22 @@ _DEATHS = 5
 @dataclass(eq=False)
 class _Worker:
     """state: "unknown", "lacking" while it has no scene, "ready" or "refused". asked: the answer to
-    come: to the greeting of one that is unknown, to the scene of one that lacks it. reads: whether
-    that is by reading the scene's file, which is tried once. failed: how often the scene could not
-    be put there.
+    come: of one that is unknown, whether it has this module, and then to the greeting; to the scene
+    of one that lacks it. has: the module; whatever needs it ends the connection of a worker that
+    does not, and with it the worker. reads: whether the scene comes by reading its file, which is
+    tried once. failed: how often the scene could not be put there.
     """
 
     state: str = "unknown"
     asked: Any = None
+    has: bool = False
     reads: bool = False
     failed: int = 0
 
 
 class Roster:
     """The workers of a cluster, for one picture. there: their addresses; ready: of those that have
-    the scene.
+    the scene; coming: of those that may get it.
 
     Raises SceneError for workers whose samples might not be ours, and ResourceError where there are
     none, or none that can take the scene.
@@ -75,7 +79,28 @@ class Roster:
         self._died = 0  # with the scene, one after the other
         self.there: frozenset[str] = frozenset()
         self.ready: frozenset[str] = frozenset()
-        self._begin()
+        self.coming: frozenset[str] = frozenset()
+
+    def begin(self, stopped: Callable[[], bool]) -> bool:
+        """Waits for workers, and for what the first say of themselves; False if it is stopped
+        before, as the function tells, which is asked now and then.
+        """
+        asked = time.monotonic()
+        told, since = False, 0.0  # when the first came
+        while not self._begun:
+            if stopped():
+                return False
+            self.look()
+            now = time.monotonic()
+            if self.there:
+                since = since or now
+                unknown = any(w.state == "unknown" for w in self._workers.values())
+                self._begun = not unknown or now > since + _ALONE
+            elif not told and now > asked + _ALONE:
+                told = True
+                log.warning("the cluster has no workers; waiting for some")
+            time.sleep(_PAUSE)
+        return True
 
     def look(self) -> None:
         """Sees, once in LOOK seconds, who came and who went; those that lack the scene get it."""
@@ -91,7 +116,9 @@ class Roster:
                 self._hear(address, worker)
         lacking = []
         for address, worker in self._workers.items():
-            if worker.asked is None and worker.state == "unknown":
+            if worker.asked is None and worker.state == "unknown" and not worker.has:
+                worker.asked = self._ask(address, import_module, worker_module.__name__)
+            elif worker.asked is None and worker.state == "unknown":
                 worker.asked = self._ask(address, greet, self._picture)
             elif worker.asked is None and worker.state == "lacking":
                 if self._may_read and not worker.reads and not is_here(address):
@@ -103,6 +130,9 @@ class Roster:
         elif not any(worker.state == "lacking" for worker in self._workers.values()):
             self._sent.clear()
         self.ready = frozenset(a for a, w in self._workers.items() if w.state == "ready")
+        self.coming = frozenset(
+            a for a, w in self._workers.items() if w.state in ("unknown", "lacking")
+        )
 
     def lacks(self, address: str) -> None:
         """One that was ready has let go of the scene."""
@@ -116,23 +146,6 @@ class Roster:
         self._workers.clear()
         self._sent.clear()
         self._sending = None
-
-    def _begin(self) -> None:
-        """Waits for workers, and for what they say of themselves."""
-        from distributed.comm.core import CommClosedError
-
-        try:
-            self._client.wait_for_workers(1, timeout=_ALONE)
-        except TIMEOUTS as error:
-            raise ResourceError("the cluster has no workers") from error
-        except (OSError, CommClosedError) as error:
-            raise ResourceError(f"the cluster does not answer: {error}") from error
-        end = time.monotonic() + _ALONE
-        self.look()
-        while any(w.state == "unknown" for w in self._workers.values()) and time.monotonic() < end:
-            time.sleep(_PAUSE)
-            self.look()
-        self._begun = True
 
     def _refuse(self, address: str, error: BaseException) -> None:
         """Raises what a worker's answer means for the picture."""
@@ -154,7 +167,8 @@ class Roster:
         for address in there - self.there:
             self._workers[address] = _Worker()
         if not there and self.there:
-            paused = f" but {len(told)} that Dask has paused for want of memory" if told else ""
+            still = sum(w.get("status") == "paused" for w in told.values())
+            paused = f" but {still} that Dask has paused for want of memory" if still else ""
             log.warning("the cluster has no workers any more%s; waiting for some", paused)
         self.there = there
         if there and all(w.state == "refused" for w in self._workers.values()):
@@ -169,7 +183,9 @@ class Roster:
         """Takes an answer."""
         future, worker.asked = worker.asked, None
         error = future.exception() if future.status == "error" else None
-        if future.status == "finished" or isinstance(error, Absent):
+        if future.status == "finished" and not worker.has:
+            worker.has = True
+        elif future.status == "finished" or isinstance(error, Absent):
             worker.state = "lacking" if error else "ready"
             self._died = 0
         elif error is not None:

@@ -12,6 +12,7 @@ import heapq
 import itertools
 import math
 import os
+import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -22,6 +23,7 @@ import numpy as np
 from ..errors import ParhelionError, ResourceError
 from ..progress import Crew
 from .dispatch import Dispatcher, Task
+from .places import Opened
 from .roster import Roster
 from .worker import Failed, Picture, Seen, Unit, build, film_of
 
@@ -46,6 +48,11 @@ _FIRST = 1 << 15
 EDGE, _LEAST_EDGE, TILES = 64, 16, 8
 # Units that are handed out before what came is looked at
 _AT_ONCE = 64
+# A picture that is ended early is to be about even: seconds that the first units of all tiles take
+# together, and how many times as many samples a tile may have after a unit as before. More units
+# cost a smaller share of a long picture than of a short one, whose first round may take longer: of
+# one of a minute all of that, of one of ten minutes a tenth of a minute.
+_FIRST_ROUND, _SHORT, _GROWTH = 2.0, 60.0, 4.0
 # How often a unit is tried, by other workers if there are any, before the rest goes on without it
 _TRIES = 5
 # Seconds between two looks at what came, when nothing did
@@ -78,7 +85,7 @@ class Workers:
 
     def __init__(
         self,
-        client: Any,
+        place: Opened,
         flat: Flat,
         camera: Camera,
         settings: Settings,
@@ -88,12 +95,12 @@ class Workers:
         tree: bool,
         features: bool,
         errors: bool,
-        threads: int,
         isa: str,
     ) -> None:
         from .. import __version__
 
-        self._client, self._errors, self._film = client, errors, film
+        self._place, self._client = place, place.client
+        self._errors, self._film = errors, film
         self.failures: Sequence[str] = ()
         self._took_part: dict[str, Seen] = {}
         self._picture = Picture(
@@ -106,11 +113,11 @@ class Workers:
             settings=asdict(settings),
             tree=tree,
             features=features,
-            threads=threads,
+            threads=place.threads,
             isa=isa,
         )
-        self._roster = Roster(client, self._picture, flat.parts)
-        self._dispatcher = Dispatcher(client, self._roster, self._picture.name)
+        self._roster = Roster(self._client, self._picture, flat.parts)
+        self._dispatcher = Dispatcher(self._client, self._roster, self._picture.name)
         self._counts = np.zeros((0, 0), np.uint32)
         self._tiles: list[_Tile] = []
         self._under_way: dict[Task, _Tile] = {}
@@ -139,6 +146,8 @@ class Workers:
     def _take(self, film: Any, targets: NDArray[np.uint32], tick: Tick) -> tuple[int, int, bool]:
         wanted = _by_pixel(film, targets)
         samples = rays = 0
+        if not self._roster.begin(lambda: self._place.look() or tick(0, 0)):
+            return 0, 0, False
         if not self._tiles:  # a checkpoint was read, if there is one
             self._counts = film.arrays()[1]
             self._tiles = _tiles(film, len(self._roster.there))
@@ -216,7 +225,8 @@ class Workers:
         samples = float(_FIRST)
         if self._seconds:
             speed, workers = self._samples / self._seconds, max(1, len(self._roster.ready))
-            samples = speed * unit_seconds(self._left / speed, workers, self._cost)
+            had, left = int(begun.sum(dtype=np.int64)) / speed, self._left / speed
+            samples = speed * unit_seconds(left, had, len(self._tiles), workers, self._cost)
         most = int((np.maximum(wanted, begun) - begun).max())
         step = even_part(most, samples / max(1, int(np.count_nonzero(wanted > begun))))
         to = np.minimum(wanted, begun + np.uint32(step))
@@ -264,10 +274,11 @@ class Workers:
             return
         crop = f"{unit.x},{unit.y},{unit.width},{unit.height}"
         first, last = int(np.min(unit.begun)), int(np.max(unit.targets))
+        scene = (self._picture.source or {}).get("path") or "SCENE"
         told = (
             f"samples {first} to {last - 1} of the pixels {crop} (x, y, width, height) failed"
-            f" {_TRIES} times: {failed.why}; `parhelion render SCENE --crop {crop} --spp {last}`"
-            " with the picture's other options tries them here"
+            f" {_TRIES} times: {failed.why}; `parhelion render {shlex.quote(scene)} --crop {crop}"
+            f" --spp {last}` with the picture's other options tries them here"
         )
         self.failures = (*self.failures, told)
 
@@ -284,12 +295,14 @@ class Workers:
         self._under_way.clear()
 
 
-def unit_seconds(left: float, workers: int, cost: float) -> float:
-    """Seconds that the next unit should take. left: that all units to come take together; cost:
-    that each keeps the process which hands them out.
+def unit_seconds(left: float, had: float, tiles: int, workers: int, cost: float) -> float:
+    """Seconds that the next unit should take. left: that all units to come take together; had: that
+    its tile has had; cost: that each keeps the process which hands them out.
     """
     shortest = max(_SHORTEST, workers * cost / _BUSY)
-    return max(shortest, min(UNIT_SECONDS, left / (_LAST * workers)))
+    first_round = max(_FIRST_ROUND, _SHORT**2 * workers / max(left, 1e-9))
+    even = max(first_round * workers / tiles, (_GROWTH - 1.0) * had)
+    return max(shortest, min(UNIT_SECONDS, left / (_LAST * workers), even))
 
 
 def even_part(left: int, about: float) -> int:

@@ -34,8 +34,16 @@ class WrongBuild(ParhelionError):
 
 class Absent(Exception):
     """What a worker answers that has no scene. Dask brings errors with the word that a task has
-    ended, and results later, when their worker may be gone.
+    ended, and results later, when their worker may be gone. Its log passes over this one.
     """
+
+
+def _unlogged(record: logging.LogRecord) -> bool:
+    """Whether a record of Dask's may stand in the worker's log: not what is no failure."""
+    return "Absent()" not in record.getMessage()
+
+
+logging.getLogger("distributed.worker").addFilter(_unlogged)
 
 
 @dataclass(frozen=True, eq=False)

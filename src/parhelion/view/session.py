@@ -38,6 +38,8 @@ from .stage import Pick, Stage
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ..cluster.places import Opened
+
 log = logging.getLogger("parhelion")
 
 # "frame": there is a new picture, or the same one is to be shown otherwise. "state": something that
@@ -135,11 +137,11 @@ class Session:
             self._request = replace(self._request, crop=part)
         self._stage.view(self._request.camera, size)  # whose errors are the caller's
         self._opened = ExitStack()
-        self._client, self._each = None, 0
+        self._cluster: Opened | None = None
         if cluster is not None:
             from ..cluster.places import opened
 
-            self._client, self._each = self._opened.enter_context(opened(cluster, threads))
+            self._cluster = self._opened.enter_context(opened(cluster, threads))
         self._thread = threading.Thread(target=self._run, name="parhelion-session", daemon=True)
         self._thread.start()
         _running.add(self)
@@ -541,7 +543,7 @@ class Session:
         began = time.perf_counter()
         if drawing.film is None:
             drawing.begin(self._stage)
-        if self._client is not None and drawing.whole and drawing.done > 0:
+        if self._cluster is not None and drawing.whole and drawing.done > 0:
             self._step_elsewhere(drawing)
             return
         first, whole = drawing.first, drawing.done > 0
@@ -603,27 +605,25 @@ class Session:
         try:
             if drawing.workers is None:
                 assert drawing.settings is not None
+                assert self._cluster is not None
                 drawing.workers = Workers(
-                    *(
-                        self._client,
-                        self._stage.flat,
-                        request.camera,
-                        drawing.settings,
-                        drawing.film,
-                    ),
+                    self._cluster,
+                    self._stage.flat,
+                    request.camera,
+                    drawing.settings,
+                    drawing.film,
                     tree=True,
                     features=request.features,
                     errors=True,
-                    threads=self._each,
                     isa="",
                 )
             samples, rays, complete = drawing.workers.take(drawing.film, targets, w * h, tick)
         except ResourceError as error:  # the scheduler is gone: this machine goes on
-            self._client = None
+            self._cluster = None
             self.report(str(error))
             return
         finally:
-            gone = self._client is None or self._closing or self._request is not request
+            gone = self._cluster is None or self._closing or self._request is not request
             if gone and drawing.workers is not None:
                 drawing.workers.close()
         if drawing.workers.failures:
