@@ -30,10 +30,11 @@ inline constexpr float kRouletteBelow = 0.25f;
 // Holes that one ray may pass.
 inline constexpr u32 kMaxHoles = 1024;
 
-// The power heuristic with exponent 2, written so that a large density does not overflow.
+// The power heuristic with exponent 3/2, written so that a large density does not overflow. Veach
+// recommends 2; panoramas, which leave light to scattering, want less (docs/performance.md).
 PH_INLINE float power_heuristic(float own, float other) {
   const float ratio = other / own;
-  return 1.0f / (1.0f + ratio * ratio);
+  return 1.0f / (1.0f + ratio * sqrt(ratio));
 }
 
 // A ray from a surface, its origin beyond the reach of the point's rounding on the side it leaves.
