@@ -27,6 +27,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
@@ -149,19 +150,15 @@ class _Film:
 @contextmanager
 def of_length(seconds: float, edge: int = sampler.EDGE) -> Iterator[None]:
     """In the block units take so long, whatever they cost, and their tiles are as large."""
-    kept = sampler.UNIT_SECONDS, sampler._SHORTEST, sampler._BUSY, sampler.EDGE, sampler._GROWTH
-    sampler.UNIT_SECONDS, sampler._BUSY, sampler.EDGE = seconds, math.inf, edge
-    sampler._SHORTEST, sampler._GROWTH = min(seconds, sampler._SHORTEST), math.inf
-    try:
+    with mock.patch.multiple(
+        sampler,
+        UNIT_SECONDS=seconds,
+        _SHORTEST=min(seconds, sampler._SHORTEST),
+        _FIRST_ROUND=math.inf,
+        _BUSY=math.inf,
+        EDGE=edge,
+    ):
         yield
-    finally:
-        (
-            sampler.UNIT_SECONDS,
-            sampler._SHORTEST,
-            sampler._BUSY,
-            sampler.EDGE,
-            sampler._GROWTH,
-        ) = kept
 
 
 @dataclass
