@@ -688,6 +688,13 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "--cluster is 'local:none'; must be local:N" in capsys.readouterr().err
 
 
+def test_workers_end_without_a_word(tmp_path: Path) -> None:
+    words = ["--cluster", "local:2", "--width", "64", "--spp", "4", "-q", "-o", "x.png"]
+    command = [sys.executable, "-m", "parhelion", "render", *words]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=True, timeout=60)
+    assert done.stdout + done.stderr == b""
+
+
 def with_samples(session: Session, spp: int) -> Any:
     """The session's picture, once each pixel has so many."""
     end = time.monotonic() + 60

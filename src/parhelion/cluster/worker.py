@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import functools
 import hashlib
 import logging
@@ -122,6 +123,9 @@ _scenes: OrderedDict[str, Any] = OrderedDict()
 _used: dict[str, float] = {}  # when each was, as of time.monotonic()
 # Each with its view of the scene, once there is one
 _pictures: OrderedDict[str, tuple[Picture, Any]] = OrderedDict()
+# Else the core tells people of what is left when the process ends.
+atexit.register(_pictures.clear)
+atexit.register(_scenes.clear)
 
 
 @functools.cache
