@@ -23,8 +23,8 @@ struct Features {
 
 namespace parhelion::PH_ISA {
 
-// Bounces before the roulette may end a path, and what a path still carries then: above that, what
-// is lost by its end would be worth more than the time it takes (docs/performance.md).
+// From which bounce on the roulette may end a path, and of which that carry less than this: what
+// others would lose is worth more than the time they take (docs/performance.md).
 inline constexpr u32 kRouletteStart = 3;
 inline constexpr float kRouletteBelow = 0.25f;
 // Holes that one ray may pass.
