@@ -23,6 +23,7 @@ enum class CameraKind : u32 {
 struct Camera {
   CameraKind kind;
   bool outside;  // some rays may start outside of the scene's bounds
+  bool lens;     // where a ray starts takes random numbers
   Cone cone;     // of a pixel
   union {
 #define CAMERA(name, Type) Type name;

@@ -4,6 +4,7 @@
 #if defined(__CUDACC__)
 
 #define PH_INLINE __forceinline__
+#define PH_APART
 #define PH_TABLE __device__ const  // an array of constants
 
 namespace parhelion::compiler {
@@ -23,6 +24,9 @@ PH_INLINE void prefetch(const void*) {}  // other threads work meanwhile
 #ifndef PH_INLINE
 #define PH_INLINE [[gnu::always_inline]] inline
 #endif
+// A function that is compiled by itself: whether its loops become vectors does then not depend on
+// where it is called.
+#define PH_APART [[gnu::noinline]]
 #define PH_TABLE inline constexpr  // an array of constants
 
 namespace parhelion::compiler {

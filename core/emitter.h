@@ -2,6 +2,7 @@
 // the entries of `lights`; those that lie in the scene are chosen by the light tree, those that
 // shine from outside it by how much light they give.
 #pragma once
+#include "rows.h"
 #include "surface.h"
 
 namespace parhelion::PH_ISA {
@@ -93,25 +94,35 @@ struct LightPick {
   float probability;
 };
 
-// root: what the light tree's first lights or clusters weigh at this point, if that is known.
-PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, Vec2 choice,
-                               const float (*root)[16] = nullptr) {
-  const float outside = scene.outside_share;
-  if (choice.y < outside) {
-    float place = choice.y / outside;
-    u32 index = scene.outside_first;  // they are few
-    for (; index + 1 < scene.smooth_first && place >= scene.lights[index].share; ++index) {
-      place -= scene.lights[index].share;
-    }
-    return {index, kNoSlot, outside * scene.lights[index].share};
+// Of the lights in the tree, as its choice is, which is made where choice.y is not below the share
+// of those outside.
+PH_INLINE LightPick pick_inside(const SceneView& scene, u32 light, float probability) {
+  if (light == kNone) return {kNone, kNoSlot, 0.0f};
+  const float p = probability * (1.0f - scene.outside_share);
+  if (light < scene.emitter_count) return {kNone, scene.emitters[light], p};
+  return {light - scene.emitter_count, kNoSlot, p};
+}
+
+PH_INLINE LightPick pick_outside(const SceneView& scene, float choice) {
+  float place = choice / scene.outside_share;
+  u32 index = scene.outside_first;  // they are few
+  for (; index + 1 < scene.smooth_first && place >= scene.lights[index].share; ++index) {
+    place -= scene.lights[index].share;
   }
+  return {index, kNoSlot, scene.outside_share * scene.lights[index].share};
+}
+
+// Of a number that has not chosen a light from outside, a new one.
+PH_INLINE float choice_inside(const SceneView& scene, float choice) {
+  return (choice - scene.outside_share) / (1.0f - scene.outside_share);
+}
+
+PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, Vec2 choice) {
+  if (choice.y < scene.outside_share) return pick_outside(scene, choice.y);
   // Of the 48 bits that the tree takes, the lower ones have already been used.
-  const Vec2 rest = {choice.x, (choice.y - outside) / (1.0f - outside)};
-  const LightChoice c = choose_light(scene.light_tree, from.point, from.normal, rest, root);
-  if (c.light == kNone) return {kNone, kNoSlot, 0.0f};
-  const float probability = c.probability * (1.0f - outside);
-  if (c.light < scene.emitter_count) return {kNone, scene.emitters[c.light], probability};
-  return {c.light - scene.emitter_count, kNoSlot, probability};
+  const LightChoice c = choose_light(scene.light_tree, from.point, from.normal,
+                                     {choice.x, choice_inside(scene, choice.y)});
+  return pick_inside(scene, c.light, c.probability);
 }
 
 PH_INLINE DirectSample record_sample(const LightSample& s) {
@@ -141,43 +152,18 @@ PH_INLINE DirectSample sample_lights(const SceneView& scene, const Receiver& fro
   return sample_pick(scene, pick_light(scene, from, choice), from.point, u);
 }
 
-// Triangles of the scene itself that are asked for light, and the directions towards them: sixteen
-// at once, in a loop that compilers turn into vectors.
-template <u32 kCount>
-struct TriangleLights {
-  float vertex[3][3][kCount], from[3][kCount], u[2][kCount];
-  float direction[3][kCount], distance[kCount], pdf[kCount], normal[3][kCount];
-  float parameter[2][kCount];
+// Directions towards primitives of one kind, as sample_towards finds them, for all at once.
+template <class Shape, u32 kCount>
+struct TowardsBatch {
+  Rows<Shape, kCount> shape = {};
+  Rows<Vec3, kCount> from = {};
+  float draws[2][kCount] = {};
+  Rows<TowardsSample, kCount> towards;
 
-  PH_INLINE Triangle triangle(u32 i) const {
-    Triangle t;
-    for (int k = 0; k < 3; ++k) t.vertex[k] = {vertex[k][0][i], vertex[k][1][i], vertex[k][2][i]};
-    return t;
-  }
-  PH_INLINE void set(u32 i, const Triangle& t, Vec3 point, Vec2 draws) {
-    for (int k = 0; k < 3; ++k) {
-      vertex[k][0][i] = t.vertex[k].x, vertex[k][1][i] = t.vertex[k].y;
-      vertex[k][2][i] = t.vertex[k].z;
-    }
-    from[0][i] = point.x, from[1][i] = point.y, from[2][i] = point.z;
-    u[0][i] = draws.x, u[1][i] = draws.y;
-  }
-  PH_INLINE void sample() {
+  PH_APART void sample() {
     for (u32 i = 0; i < kCount; ++i) {
-      const TowardsSample t =
-          sample_towards(triangle(i), {from[0][i], from[1][i], from[2][i]}, {u[0][i], u[1][i]});
-      direction[0][i] = t.direction.x, direction[1][i] = t.direction.y;
-      direction[2][i] = t.direction.z, distance[i] = t.distance, pdf[i] = t.pdf;
-      normal[0][i] = t.normal.x, normal[1][i] = t.normal.y, normal[2][i] = t.normal.z;
-      parameter[0][i] = t.parameter.x, parameter[1][i] = t.parameter.y;
+      towards.set(i, sample_towards(shape.at(i), from.at(i), {draws[0][i], draws[1][i]}));
     }
-  }
-  PH_INLINE TowardsSample towards(u32 i) const {
-    return {{direction[0][i], direction[1][i], direction[2][i]},
-            distance[i],
-            pdf[i],
-            {normal[0][i], normal[1][i], normal[2][i]},
-            {parameter[0][i], parameter[1][i]}};
   }
 };
 

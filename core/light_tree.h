@@ -132,33 +132,6 @@ PH_INLINE float light_weights(const LightNode& node, Vec3 from, Vec3 normal, flo
   return sum_of(weight);
 }
 
-// Sixteen points that are lit, with their surfaces' normals or 0.
-struct LitPoints {
-  float x[16], y[16], z[16], normal_x[16], normal_y[16], normal_z[16];
-};
-
-// The same for sixteen points at once, weight[i] being those at point i.
-inline void light_weights(const LightNode& node, const LitPoints& at, float (&weight)[16][16]) {
-  const Lanes nx = load(at.normal_x), ny = load(at.normal_y), nz = load(at.normal_z);
-  const Lanes zero = all(0.0f);
-  const LaneMask sided = zero < nx * nx + ny * ny + nz * nz;
-  for (float (&row)[16] : weight) store(row, zero);
-  for (u32 k = 0; k < 16; ++k) {
-    if (!(node.power[k] > 0.0f)) continue;
-    const LightPairs p = {all(node.x[k]) - load(at.x), all(node.y[k]) - load(at.y),
-                          all(node.z[k]) - load(at.z), all(node.radius[k]),
-                          all(node.axis_x[k]),         all(node.axis_y[k]),
-                          all(node.axis_z[k]),         all(node.cos_o[k]),
-                          all(node.cos_e[k]),          all(node.power[k])};
-    Lanes inverse;
-    LaneAngle half;
-    const Lanes value = light_leaving(p, inverse, half);
-    float column[16];
-    store(column, select(sided, light_arriving(p, value, inverse, half, nx, ny, nz), value));
-    for (u32 i = 0; i < 16; ++i) weight[i][k] = column[i];
-  }
-}
-
 // Chooses one of sixteen children by weights whose sum is not 0; `rest` is a uniform number and
 // becomes a new one.
 PH_INLINE u32 choose_lane(const float* weight, float sum, double& rest) {
@@ -180,10 +153,8 @@ PH_INLINE u32 choose_lane(const float* weight, float sum, double& rest) {
 
 // Chooses a light. The two numbers are the upper and the lower half of one of 48 bits: among a
 // million lights a choice uses 20 bits, and what is left of 24 could no longer tell neighbours'
-// probabilities apart, let alone be used again. root: the weights of the root's children at this
-// point, if they are known.
-inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 normal, Vec2 u,
-                                const float (*root)[16] = nullptr) {
+// probabilities apart, let alone be used again.
+inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 normal, Vec2 u) {
   const LightChoice nothing = {kNone, 0.0f, 0.0f};
   if (tree.light_count == 0) return nothing;
   double rest = static_cast<double>(u.x) + static_cast<double>(u.y) * 0x1p-24;
@@ -192,11 +163,9 @@ inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 norma
   u32 index = 0;
   for (;;) {
     const LightNode& node = tree.nodes[index];
-    float own[16];
-    const bool known = root && index == 0;
-    const float sum = known ? sum_of(*root) : light_weights(node, from, normal, own);
+    float weight[16];
+    const float sum = light_weights(node, from, normal, weight);
     if (!(sum > 0.0f)) return nothing;
-    const float* weight = known ? *root : own;
     const u32 lane = choose_lane(weight, sum, rest);
     share[depth++] = weight[lane] / sum;
     const u32 child = node.child[lane];
@@ -207,6 +176,58 @@ inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 norma
     }
     index = child;
   }
+}
+
+// Sixteen points that are lit, with their surfaces' normals or 0, and the numbers that choose their
+// lights.
+struct LitPoints {
+  float x[16], y[16], z[16], normal_x[16], normal_y[16], normal_z[16], u[2][16];
+};
+
+// What choose_light takes for each of sixteen points where all lights are children of the root, for
+// all at once, to the same bits. Of none the light is kNone.
+inline void choose_lights(const LightTreeView& tree, const LitPoints& at, u32 (&light)[16],
+                          float (&probability)[16]) {
+  const LightNode& node = tree.nodes[0];
+  const Lanes nx = load(at.normal_x), ny = load(at.normal_y), nz = load(at.normal_z);
+  const Lanes zero = all(0.0f);
+  const LaneMask sided = zero < nx * nx + ny * ny + nz * nz;
+  float weight[16][16];  // by child and point
+  Lanes sum = zero;
+  for (u32 k = 0; k < 16; ++k) {
+    if (!(node.power[k] > 0.0f)) continue;
+    const LightPairs p = {all(node.x[k]) - load(at.x), all(node.y[k]) - load(at.y),
+                          all(node.z[k]) - load(at.z), all(node.radius[k]),
+                          all(node.axis_x[k]),         all(node.axis_y[k]),
+                          all(node.axis_z[k]),         all(node.cos_o[k]),
+                          all(node.cos_e[k]),          all(node.power[k])};
+    Lanes inverse;
+    LaneAngle half;
+    const Lanes leaving = light_leaving(p, inverse, half);
+    const Lanes value =
+        select(sided, light_arriving(p, leaving, inverse, half, nx, ny, nz), leaving);
+    store(weight[k], value);
+    sum = sum + value;
+  }
+  float sums[16], share[16] = {};
+  store(sums, sum);
+  double target[16], before[16] = {};
+  for (u32 i = 0; i < 16; ++i) {
+    const double rest = static_cast<double>(at.u[0][i]) + static_cast<double>(at.u[1][i]) * 0x1p-24;
+    target[i] = rest * static_cast<double>(sums[i]);
+    light[i] = kNone;
+  }
+  for (u32 k = 0; k < 16; ++k) {
+    if (!(node.power[k] > 0.0f)) continue;
+    const u32 child = node.child[k] & ~kLightBit;
+    for (u32 i = 0; i < 16; ++i) {
+      const bool taken = target[i] >= before[i] && weight[k][i] != 0.0f;
+      light[i] = taken ? child : light[i];
+      share[i] = taken ? weight[k][i] : share[i];
+      before[i] += static_cast<double>(weight[k][i]);
+    }
+  }
+  for (u32 i = 0; i < 16; ++i) probability[i] = share[i] / sums[i];
 }
 
 // The probability with which choose_light takes a light: the same bits, being the same product

@@ -401,9 +401,9 @@ template <u32 kCount>
 PH_INLINE void begin_paths(const SceneView& scene, const RenderView& view, u32 y,
                            CameraBatch<kCount>& b) {
   b.samplers = make_samplers(view.sampler, b.x, y, b.sample, view.seed);
-  float place_x[kCount], place_y[kCount], lens_x[kCount], lens_y[kCount];
+  float place_x[kCount], place_y[kCount], lens_x[kCount] = {}, lens_y[kCount] = {};
   draw2(b.samplers, kDrawPixel, place_x, place_y);
-  draw2(b.samplers, kDrawLens, lens_x, lens_y);
+  if (view.camera.lens) draw2(b.samplers, kDrawLens, lens_x, lens_y);
   for (u32 i = 0; i < kCount; ++i) b.offset_x[i] = filter_offset(view.filter, place_x[i]);
   for (u32 i = 0; i < kCount; ++i) b.offset_y[i] = filter_offset(view.filter, place_y[i]);
   for (u32 i = 0; i < kCount; ++i) {

@@ -158,4 +158,19 @@ PH_INLINE void draw2(const SamplerBatch<kCount>& s, u32 dimension, float (&x)[kC
   }
 }
 
+// draw1 for all of them.
+template <u32 kCount>
+PH_INLINE void draw1(const SamplerBatch<kCount>& s, u32 dimension, float (&x)[kCount]) {
+  if (s.kind == SamplerKind::independent) {
+    for (u32 i = 0; i < kCount; ++i) {
+      x[i] = independent_pair(dimension_hash(s.key[i], s.dimension[i] + dimension)).x;
+    }
+  } else {
+    for (u32 i = 0; i < kCount; ++i) {
+      const u64 hash = dimension_hash(s.key[i], s.dimension[i] + dimension);
+      x[i] = sobol_pair(s.reversed_index[i], hash).x;
+    }
+  }
+}
+
 }  // namespace parhelion::PH_ISA

@@ -40,11 +40,10 @@ inline void draw_bounces(const PathState* paths, const Vertex* const* here, u32 
     lobes = own > lobes ? own : lobes;
     roulette = roulette || path.depth >= kRouletteStart;
   }
-  float unused[kBatch];
   draw2(s, kDrawDirection, draws.direction[0], draws.direction[1]);
-  if (lobes > 0) draw2(s, kDrawLobe, draws.lobe, unused);
-  if (lobes > 1) draw2(s, kDrawLobe2, draws.lobe2, unused);
-  if (roulette) draw2(s, kDrawRoulette, draws.roulette, unused);
+  if (lobes > 0) draw1(s, kDrawLobe, draws.lobe);
+  if (lobes > 1) draw1(s, kDrawLobe2, draws.lobe2);
+  if (roulette) draw1(s, kDrawRoulette, draws.roulette);
   if (lit) {
     draw2(s, kDrawLight, draws.choice[0], draws.choice[1]);
     draw2(s, kDrawLightPoint, draws.point[0], draws.point[1]);
@@ -55,45 +54,84 @@ inline void draw_bounces(const PathState* paths, const Vertex* const* here, u32 
   }
 }
 
+// Vertices that ask lights of one kind.
+struct Picks {
+  LightPick pick[kBatch];
+  Vertex* of[kBatch];
+  u32 count = 0;
+
+  PH_INLINE void add(const LightPick& p, Vertex& v) {
+    pick[count] = p;
+    of[count++] = &v;
+  }
+};
+
+// Those that ask primitives of one kind, of the scene itself.
+template <class Shape>
+struct PickedLights : Picks {
+  TowardsBatch<Shape, kBatch> batch;
+
+  // Takes the vertex, if it asks one of these, and says so.
+  template <class Block>
+  PH_INLINE bool take(const Block* blocks, ShapeKind kind, const LightPick& p, Vertex& v,
+                      Vec2 draws) {
+    const Slot slot = p.slot;
+    if (p.record != kNone || slot.leaf == kNone || slot.instance != kNone) return false;
+    if (leaf_kind(slot.leaf) != kind) return false;
+    const Block& block = blocks[slot.leaf & kLeafIndexMask];
+    batch.shape.set(count, primitive(block, slot.lane));
+    batch.from.set(count, v.receiver.point);
+    batch.draws[0][count] = draws.x, batch.draws[1][count] = draws.y;
+    id[count] = block.id[slot.lane];
+    add(p, v);
+    return true;
+  }
+  PH_INLINE void sample(const SceneView& scene) {
+    if (count == 0) return;
+    batch.sample();
+    for (u32 i = 0; i < count; ++i) {
+      Vertex& v = *of[i];
+      v.light = emitter_sample(scene, pick[i].slot, nullptr, batch.shape.at(i), id[i],
+                               v.receiver.point, batch.towards.at(i));
+      v.light.pdf *= pick[i].probability;
+    }
+  }
+
+  u32 id[kBatch];
+};
+
 // Light samples for those of n vertices that ask for light.
 inline void ask(const SceneView& scene, Vertex* const* here, u32 n, const BounceDraws& draws) {
   const LightTreeView& tree = scene.light_tree;
   const bool few = tree.light_count != 0 && tree.light_count <= kFewLights;
-  float weight[kBatch][16];
+  u32 chosen[kBatch];
+  float probability[kBatch];
   if (few) {
     LitPoints at = {};
     for (u32 k = 0; k < n; ++k) {
       const Receiver& r = here[k]->receiver;
       at.x[k] = r.point.x, at.y[k] = r.point.y, at.z[k] = r.point.z;
       at.normal_x[k] = r.normal.x, at.normal_y[k] = r.normal.y, at.normal_z[k] = r.normal.z;
+      at.u[0][k] = draws.choice[0][k], at.u[1][k] = choice_inside(scene, draws.choice[1][k]);
     }
-    light_weights(tree.nodes[0], at, weight);
+    choose_lights(tree, at, chosen, probability);
   }
   // Those to which directions are found for all at once.
-  TriangleLights<kBatch> triangles = {};
+  PickedLights<Triangle> triangles;
+  PickedLights<Sphere> spheres;
   PanoramaBatch<kBatch> panoramas;
-  struct {
-    LightPick pick[kBatch];
-    Vertex* of[kBatch];
-    u32 count = 0;
-    void add(const LightPick& p, Vertex& v) {
-      pick[count] = p;
-      of[count++] = &v;
-    }
-  } facing, around;
+  Picks around;
   for (u32 k = 0; k < n; ++k) {
     Vertex& v = *here[k];
     if (!v.asks) continue;
     const Vec2 choice = {draws.choice[0][k], draws.choice[1][k]};
     const Vec2 point = {draws.point[0][k], draws.point[1][k]};
-    const LightPick pick = pick_light(scene, v.receiver, choice, few ? &weight[k] : nullptr);
-    const Slot slot = pick.slot;
-    if (pick.record == kNone && slot.leaf != kNone && slot.instance == kNone &&
-        leaf_kind(slot.leaf) == ShapeKind::triangle) {
-      const TriangleBlock& block = scene.triangles[slot.leaf & kLeafIndexMask];
-      triangles.set(facing.count, primitive(block, slot.lane), v.receiver.point, point);
-      facing.add(pick, v);
-    } else if (pick.record != kNone && is_panorama(scene.lights[pick.record])) {
+    const LightPick pick = few && !(choice.y < scene.outside_share)
+                               ? pick_inside(scene, chosen[k], probability[k])
+                               : pick_light(scene, v.receiver, choice);
+    if (triangles.take(scene.triangles, ShapeKind::triangle, pick, v, point)) continue;
+    if (spheres.take(scene.spheres, ShapeKind::sphere, pick, v, point)) continue;
+    if (pick.record != kNone && is_panorama(scene.lights[pick.record])) {
       const LightRecord& record = scene.lights[pick.record];
       panoramas.set(around.count, scene.tables.images[record.image],
                     scene.tables.distributions[record.distribution],
@@ -111,15 +149,8 @@ inline void ask(const SceneView& scene, Vertex* const* here, u32 n, const Bounce
         from_panorama(from_block<Envmap>(record.block), record, panoramas.sampled(i)));
     light.pdf *= around.pick[i].probability;
   }
-  if (facing.count != 0) triangles.sample();
-  for (u32 i = 0; i < facing.count; ++i) {
-    Vertex& v = *facing.of[i];
-    const Slot slot = facing.pick[i].slot;
-    const u32 id = scene.triangles[slot.leaf & kLeafIndexMask].id[slot.lane];
-    v.light = emitter_sample(scene, slot, nullptr, triangles.triangle(i), id, v.receiver.point,
-                             triangles.towards(i));
-    v.light.pdf *= facing.pick[i].probability;
-  }
+  triangles.sample(scene);
+  spheres.sample(scene);
   for (u32 k = 0; k < n; ++k) {
     Vertex& v = *here[k];
     v.asks = v.asks && v.light.pdf > 0.0f && !black(v.light.radiance);

@@ -119,6 +119,7 @@ Camera make_camera(const CameraInput& input, u32 width, u32 height, double scale
     camera.kind = CameraKind::name;                                               \
     place(p, camera.name);                                                        \
     camera.outside = !Type::traits.central || !inside(p.eye, p.aperture, bounds); \
+    camera.lens = p.aperture > 0.0;                                               \
     camera.cone = cone(camera.name);                                              \
     return camera;                                                                \
   }

@@ -121,12 +121,12 @@ PH_INLINE float pdf_towards(const Sphere& s, Vec3 from, Vec3 direction, float di
   return distance <= dot(s.center - from, direction) ? cone_pdf(s, from) : 0.0f;
 }
 
-// Uniform in the solid angle that the sphere subtends; the density is 0 from inside.
+// Uniform in the solid angle that the sphere subtends; the density is 0 from inside. Without a
+// branch, so that a loop over many spheres becomes one of vectors.
 // Method: P. Shirley, C. Wang and K. Zimmerman, "Monte Carlo Techniques for Direct Lighting
 // Calculations", ACM TOG 15(1), 1996, sampling by solid angle.
 PH_INLINE TowardsSample sample_towards(const Sphere& s, Vec3 from, Vec2 u) {
   const float spread = subtended_spread(s, from);
-  if (!(spread > 0.0f)) return kNowhere;
   const Vec3 f = s.center - from;
   const Vec3 local = uniform_cone(u, spread);
   const Vec3 direction = to_world(frame_around(normalize(f)), local);
@@ -134,7 +134,9 @@ PH_INLINE TowardsSample sample_towards(const Sphere& s, Vec3 from, Vec2 u) {
   const Vec3 perpendicular = f - direction * b;
   const float half = safe_sqrt(s.radius * s.radius - dot(perpendicular, perpendicular));
   const Vec3 normal = normalize(-(direction * half + perpendicular));
-  return {direction, b - half, 1.0f / (2.0f * kPi * spread), normal, {0.0f, 0.0f}};
+  TowardsSample t = {direction, b - half, 1.0f / (2.0f * kPi * spread), normal, {0.0f, 0.0f}};
+  t.pdf = spread > 0.0f ? t.pdf : 0.0f;
+  return t;
 }
 
 }  // namespace parhelion::PH_ISA

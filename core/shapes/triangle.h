@@ -68,7 +68,8 @@ struct Shear {
 
 PH_INLINE Shear shear_along(Vec3 direction) {
   const float ax = abs(direction.x), ay = abs(direction.y), az = abs(direction.z);
-  const int z = ax >= ay && ax >= az ? 0 : ay >= az ? 1 : 2;
+  const bool along_x = (ax >= ay) & (ax >= az);  // without a branch
+  const int z = along_x ? 0 : ay >= az ? 1 : 2;
   const int x = z == 2 ? 0 : z + 1, y = x == 2 ? 0 : x + 1;
   const float inverse = 1.0f / component(direction, z);
   return {x, y, z, component(direction, x) * inverse, component(direction, y) * inverse, inverse};
@@ -206,26 +207,30 @@ inline constexpr float kLeastSolidAngle = 1e-4f;
 // The triangle seen from a point: unit vectors p, q, r to its vertices, and the terms of
 // tan(solid angle / 2) = triple / (sides + base).
 // Method: A. van Oosterom and J. Strackee, "The Solid Angle of a Plane Triangle", IEEE Transactions
-// on Biomedical Engineering 30(2), 1983. All in double: the triple product of a small triangle is a
-// small difference.
+// on Biomedical Engineering 30(2), 1983. The triple product of a small triangle's directions is a
+// small difference; taken from the plane's height, which is double, it is not.
 struct SphericalTriangle {
-  DVec3 p, q, r;
-  double triple;  // |p . (q x r)|
-  double sides;   // p.r + q.r
-  double base;    // 1 + p.q
+  Vec3 p, q, r;
+  float triple;  // |p . (q x r)|
+  float sides;   // p.r + q.r
+  float base;    // 1 + p.q
   float solid_angle;
 };
 
-inline SphericalTriangle seen_from(const Triangle& t, Vec3 from) {
+// height: how far `from` lies below the plane, times the length of doubled_area(t).
+PH_INLINE SphericalTriangle seen_from(const Triangle& t, Vec3 from, double height) {
   SphericalTriangle s;
-  s.p = normalize(difference(t.vertex[0], from));
-  s.q = normalize(difference(t.vertex[1], from));
-  s.r = normalize(difference(t.vertex[2], from));
-  const double triple = dot(s.p, cross(s.q - s.p, s.r - s.p));
-  s.triple = abs(triple);
+  s.p = to_float(difference(t.vertex[0], from));
+  s.q = to_float(difference(t.vertex[1], from));
+  s.r = to_float(difference(t.vertex[2], from));
+  const float p = 1.0f / length(s.p), q = 1.0f / length(s.q), r = 1.0f / length(s.r);
+  s.p *= p;
+  s.q *= q;
+  s.r *= r;
+  s.triple = abs(static_cast<float>(height)) * p * q * r;
   s.sides = dot(s.p, s.r) + dot(s.q, s.r);
-  s.base = 1.0 + dot(s.p, s.q);
-  s.solid_angle = 2.0f * atan2(static_cast<float>(s.triple), static_cast<float>(s.sides + s.base));
+  s.base = 1.0f + dot(s.p, s.q);
+  s.solid_angle = 2.0f * atan2(s.triple, s.sides + s.base);
   return s;
 }
 
@@ -235,20 +240,21 @@ inline SphericalTriangle seen_from(const Triangle& t, Vec3 from) {
 // p, q, w, is linear in the vector half way from p to w; solved for it, w needs neither angles nor
 // cases: C. Peters, "BRDF Importance Sampling for Polygonal Lights", ACM TOG 40(4), 2021, section
 // on triangles.
-inline DVec3 direction_within(const SphericalTriangle& s, Vec2 u) {
+PH_INLINE Vec3 direction_within(const SphericalTriangle& s, Vec2 u) {
   const CosSin half = cos_sin_turns(u.x * s.solid_angle * (0.25f / kPi));
-  const DVec3 middle = s.p * (s.triple * half.c - s.sides * half.s) + s.r * (s.base * half.s);
-  const DVec3 w = middle * (2.0 * dot(s.p, middle) / dot(middle, middle)) - s.p;
+  const Vec3 middle = s.p * (s.triple * half.c - s.sides * half.s) + s.r * (s.base * half.s);
+  const Vec3 w = middle * (2.0f * dot(s.p, middle) / dot(middle, middle)) - s.p;
   // Of the cosine of the angle from q, 1 - cosine is uniform.
-  const double whole = dot(s.q, w);
-  const double cosine = 1.0 - (1.0 - whole) * u.y;
-  const double part = compiler::sqrt(u.y * (1.0 + cosine) / (1.0 + whole));
+  const float whole = dot(s.q, w);
+  const float cosine = 1.0f - (1.0f - whole) * u.y;
+  const float part = sqrt(u.y * (1.0f + cosine) / (1.0f + whole));
   return normalize(s.q * (cosine - part * whole) + w * part);
 }
 
 PH_INLINE float pdf_towards(const Triangle& t, Vec3 from, Vec3 direction, float distance,
                             Vec3 normal) {
-  const float solid_angle = seen_from(t, from).solid_angle;
+  const double height = dot(doubled_area(t), difference(t.vertex[0], from));
+  const float solid_angle = seen_from(t, from, height).solid_angle;
   if (solid_angle > kLeastSolidAngle) return 1.0f / solid_angle;
   return pdf_by_area(area(t), direction, distance, normal);
 }
@@ -261,10 +267,10 @@ PH_INLINE TowardsSample sample_towards(const Triangle& t, Vec3 from, Vec2 u) {
   const double height = dot(n, to_first);
   const DVec3 e1 = difference(t.vertex[1], t.vertex[0]);
   const DVec3 e2 = difference(t.vertex[2], t.vertex[0]);
-  SphericalTriangle seen = seen_from(t, from);
+  SphericalTriangle seen = seen_from(t, from, height);
   const bool wide = seen.solid_angle > kLeastSolidAngle;
   seen.solid_angle = wide ? seen.solid_angle : 0.0f;  // which may be NaN
-  const DVec3 d = direction_within(seen, u);
+  const DVec3 d = to_double(direction_within(seen, u));
   const DVec3 along = d * (height / dot(n, d));
   const DVec3 q = along - to_first;
   const double b_wide = clamp(dot(n, cross(q, e2)) / n2, 0.0, 1.0);

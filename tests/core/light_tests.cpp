@@ -229,6 +229,41 @@ void tree_does_not_depend_on_threads_or_degeneracy() {
   CHECK(choose_light(dark.view(), {0, 0, 1}, {0, 0, 0}, {0.5f, 0.5f}).light == kNone);
 }
 
+// Sixteen points at once choose what each does by itself, to the bit: also where a surface sees no
+// light, and in media, which have no side.
+void few_lights_are_chosen_together() {
+  int chosen = 0, none = 0;
+  for (size_t n = 1; n <= 16; ++n) {
+    Triangles lights(n, 0.2f);
+    if (n > 2) lights.leaves[n / 2].power = 0.0f;
+    const LightTree tree = build_light_tree(lights.leaves);
+    const LightTreeView view = tree.view();
+    for (int round = 0; round < 200; ++round) {
+      LitPoints at;
+      for (u32 i = 0; i < 16; ++i) {
+        const Vec3 p = random_point() * (round % 3 == 0 ? 3.0f : 1.0f);
+        const Vec3 normal = i % 4 == 0 ? Vec3{0, 0, 0} : random_direction();
+        const Vec2 u = uniform2();
+        at.x[i] = p.x, at.y[i] = p.y, at.z[i] = p.z;
+        at.normal_x[i] = normal.x, at.normal_y[i] = normal.y, at.normal_z[i] = normal.z;
+        at.u[0][i] = i == 1 ? 0x1.fffffep-1f : u.x, at.u[1][i] = u.y;
+      }
+      u32 light[16];
+      float probability[16];
+      choose_lights(view, at, light, probability);
+      for (u32 i = 0; i < 16; ++i) {
+        const LightChoice c = choose_light(view, {at.x[i], at.y[i], at.z[i]},
+                                           {at.normal_x[i], at.normal_y[i], at.normal_z[i]},
+                                           {at.u[0][i], at.u[1][i]});
+        CHECK(light[i] == c.light);
+        CHECK(c.light == kNone || probability[i] == c.probability);
+        ++(c.light == kNone ? none : chosen);
+      }
+    }
+  }
+  CHECK(chosen > 10000 && none > 100);
+}
+
 // Irradiance from many lights, whose relative deviation at one sample must grow far slower than
 // their number, and stay below that of picking by power.
 void tree_beats_power() {
@@ -692,6 +727,7 @@ int main() {
   tree_probabilities_sum_to_one();
   tree_loses_no_light();
   tree_does_not_depend_on_threads_or_degeneracy();
+  few_lights_are_chosen_together();
   tree_beats_power();
   distributions_keep_every_weight();
   every_light_keeps_its_contract();
