@@ -5,6 +5,7 @@
 // half whole numbers, as in OpenGL: texel (x, y) of a w by h image is centred on u = (x + 1/2) / w,
 // v = 1 - (y + 1/2) / h.
 #pragma once
+#include "simd.h"
 #include "special.h"
 
 namespace parhelion {
@@ -66,8 +67,13 @@ PH_TABLE ByteTables kBytes;
 PH_INLINE Texel operator+(const Texel& a, const Texel& b) { return {a.rgb + b.rgb, a.a + b.a}; }
 PH_INLINE Texel operator*(const Texel& a, float s) { return {a.rgb * s, a.a * s}; }
 
+PH_INLINE Texel to_texel(Quad q) {
+  float c[4];
+  store(c, q);
+  return {{c[0], c[1], c[2]}, c[3]};
+}
 // In a form that gives a itself where a and b are the same.
-PH_INLINE Texel mix(const Texel& a, const Texel& b, float t) { return a + (b + a * -1.0f) * t; }
+PH_INLINE Quad mix(Quad a, Quad b, float t) { return a + (b - a) * t; }
 
 PH_INLINE u32 level_side(u32 side, u32 level) {
   const u32 halved = side >> level;
@@ -85,19 +91,22 @@ PH_INLINE void prefetch(const ImageView& image, u32 level, u32 x, u32 y) {
   compiler::prefetch(static_cast<const u8*>(image.texels) + texel_index(image, level, x, y) * size);
 }
 
-// A texel of a level, for a place inside it.
-PH_INLINE Texel fetch(const ImageView& image, u32 level, u32 x, u32 y) {
+// A texel of a level, for a place inside it: red, green, blue and alpha.
+PH_INLINE Quad fetch_channels(const ImageView& image, u32 level, u32 x, u32 y) {
   const u64 at = texel_index(image, level, x, y);
   if (image.format == ImageFormat::float32) {
     const float* c = static_cast<const float*>(image.texels) + at;
-    if (image.channels == 1) return {{c[0], c[0], c[0]}, 1.0f};
-    return {{c[0], c[1], c[2]}, image.channels == 4 ? c[3] : 1.0f};
+    if (image.channels == 1) return quad(c[0], c[0], c[0], 1.0f);
+    return quad(c[0], c[1], c[2], image.channels == 4 ? c[3] : 1.0f);
   }
   const u8* c = static_cast<const u8*>(image.texels) + at;
   const float* value = image.format == ImageFormat::srgb8 ? kBytes.srgb : kBytes.plain;
   const float first = value[c[0]];
-  if (image.channels == 1) return {{first, first, first}, 1.0f};
-  return {{first, value[c[1]], value[c[2]]}, image.channels == 4 ? kBytes.plain[c[3]] : 1.0f};
+  if (image.channels == 1) return quad(first, first, first, 1.0f);
+  return quad(first, value[c[1]], value[c[2]], image.channels == 4 ? kBytes.plain[c[3]] : 1.0f);
+}
+PH_INLINE Texel fetch(const ImageView& image, u32 level, u32 x, u32 y) {
+  return to_texel(fetch_channels(image, level, x, y));
 }
 
 // A coordinate brought near [0, 1], where `wrap_texel` finishes the work on whole texels: there is
@@ -135,7 +144,8 @@ inline Texel nearest(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u, Wr
   return fetch(image, level, column, row);
 }
 
-inline Texel bilinear(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u, Wrap wrap_v) {
+inline Quad bilinear_channels(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u,
+                              Wrap wrap_v) {
   const u32 w = level_side(image.width, level), h = level_side(image.height, level);
   const float x = wrap_coordinate(uv.x, wrap_u) * static_cast<float>(w) - 0.5f;
   const float y = wrap_coordinate(1.0f - uv.y, wrap_v) * static_cast<float>(h) - 0.5f;
@@ -144,13 +154,17 @@ inline Texel bilinear(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u, W
   const u32 x1 = wrap_texel(static_cast<int>(left) + 1, w, wrap_u);
   const u32 y0 = wrap_texel(static_cast<int>(top), h, wrap_v);
   const u32 y1 = wrap_texel(static_cast<int>(top) + 1, h, wrap_v);
-  const auto at = [&](u32 column, u32 row) -> Texel {
-    if (column == kNone || row == kNone) return {{0, 0, 0}, 0};
-    return fetch(image, level, column, row);
+  const auto at = [&](u32 column, u32 row) {
+    if (column == kNone || row == kNone) return quad(0.0f, 0.0f, 0.0f, 0.0f);
+    return fetch_channels(image, level, column, row);
   };
-  const Texel upper = mix(at(x0, y0), at(x1, y0), x - left);
-  const Texel lower = mix(at(x0, y1), at(x1, y1), x - left);
+  const Quad upper = mix(at(x0, y0), at(x1, y0), x - left);
+  const Quad lower = mix(at(x0, y1), at(x1, y1), x - left);
   return mix(upper, lower, y - top);
+}
+
+PH_INLINE Texel bilinear(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u, Wrap wrap_v) {
+  return to_texel(bilinear_channels(image, level, uv, wrap_u, wrap_v));
 }
 
 // Between the two levels whose texels are next in size to a footprint `width` wide in uv.
@@ -162,9 +176,10 @@ inline Texel trilinear(const ImageView& image, Vec2 uv, float width, Wrap wrap_u
   if (!(texels > 1.0f)) return bilinear(image, 0, uv, wrap_u, wrap_v);
   const float place = min(log2(texels), static_cast<float>(image.levels - 1));
   const u32 level = static_cast<u32>(place);
-  const Texel fine = bilinear(image, level, uv, wrap_u, wrap_v);
+  const Quad fine = bilinear_channels(image, level, uv, wrap_u, wrap_v);
   const float share = place - static_cast<float>(level);
-  return share > 0.0f ? mix(fine, bilinear(image, level + 1, uv, wrap_u, wrap_v), share) : fine;
+  if (!(share > 0.0f)) return to_texel(fine);
+  return to_texel(mix(fine, bilinear_channels(image, level + 1, uv, wrap_u, wrap_v), share));
 }
 
 // The largest values of each channel, for the power of lights: a walk over all texels.

@@ -9,6 +9,7 @@
 // 2007; Heitz, "Understanding the Masking-Shadowing Function", JCGT 3(2), 2014.
 #pragma once
 #include "fresnel.h"
+#include "simd.h"
 #include "special.h"
 #include "tables/microfacet.h"
 #include "warp.h"
@@ -156,23 +157,31 @@ inline Cubic cubic(float x, u32 n) {
       {b * c * d * (-1.0f / 6.0f), a * c * d * 0.5f, a * b * d * -0.5f, a * b * c * (1.0f / 6.0f)}};
 }
 
-// A value of a table of whole numbers, by its place in each dimension. Before each but the last
-// comes how far apart the numbers of neighbouring places are.
+// Four neighbours of a table of whole numbers in its last dimension, by the place in the others.
+// Before each comes how far apart the numbers of neighbouring places are.
 template <class T>
-PH_INLINE float grid(const T* table, const Cubic& x) {
-  table += x.first;
-  return (x.weight[0] * table[0] + x.weight[1] * table[1] + x.weight[2] * table[2] +
-          x.weight[3] * table[3]) *
-         0x1p-15f;
+PH_INLINE Quad neighbours(const T* table) {
+  return load_quad(table);
 }
-
 template <class T, class... Rest>
-inline float grid(const T* table, u32 stride, const Cubic& x, const Rest&... rest) {
-  float sum = 0.0f;
-  for (u32 i = 0; i < 4; ++i) {
-    sum += x.weight[i] * grid(table + (x.first + i) * stride, rest...);
+PH_INLINE Quad neighbours(const T* table, u32 stride, const Cubic& x, const Rest&... rest) {
+  table += x.first * stride;
+  Quad sum = neighbours(table, rest...) * x.weight[0];
+  for (u32 i = 1; i < 4; ++i) {
+    sum = sum + neighbours(table + i * stride, rest...) * x.weight[i];
   }
   return sum;
+}
+
+// A value of such a table, by its place in the last dimension, along which its numbers follow each
+// other, and then in the others.
+template <class T, class... Rest>
+inline float grid(const T* table, const Cubic& last, const Rest&... others) {
+  float value[4];
+  store(value, neighbours(table + last.first, others...));
+  return (last.weight[0] * value[0] + last.weight[1] * value[1] + last.weight[2] * value[2] +
+          last.weight[3] * value[3]) *
+         0x1p-15f;
 }
 
 PH_INLINE float mean(Vec3 c) { return (c.x + c.y + c.z) * (1.0f / 3.0f); }
@@ -217,10 +226,11 @@ inline float stretched_escape(const Microfacets& d, Vec3 w) {
   const float alpha = flat2 > 0.0f ? sqrt((x * x + y * y) / flat2) : high;  // towards w
   const auto root = [](float a) { return sqrt(sqrt(a)); };
   const float azimuth = (root(alpha) - root(low)) / (root(high) - root(low));
-  return grid(kStretchedEscape + static_cast<u32>(d.distribution) * kAll, kRatio,
+  return grid(kStretchedEscape + static_cast<u32>(d.distribution) * kAll,
+              cubic(angle_coordinate(w.z, alpha), kStretchedAngles), kRatio,
               cubic(sqrt(high), kStretchedAlphas), kAzimuth,
-              cubic(sqrt(low / high), kStretchedRatios), kAngle, cubic(azimuth, kStretchedAzimuths),
-              cubic(angle_coordinate(w.z, alpha), kStretchedAngles));
+              cubic(sqrt(low / high), kStretchedRatios), kAngle,
+              cubic(azimuth, kStretchedAzimuths));
 }
 
 // Reflection by metal times metal_gain(wo) metal_gain(wi) loses nothing, and is reciprocal.
@@ -228,7 +238,7 @@ inline float metal_gain(const Microfacets& d, Vec3 w) {
   if (!isotropic(d)) return 1.0f / stretched_escape(d, w);
   const u16* table = kMetalEscape + static_cast<u32>(d.distribution) * kMetalAlphas * kMetalAngles;
   const Cubic x = cubic(angle_coordinate(w.z, d.alpha_u), kMetalAngles);
-  return 1.0f / grid(table, kMetalAngles, cubic(sqrt(d.alpha_u), kMetalAlphas), x);
+  return 1.0f / grid(table, x, kMetalAngles, cubic(sqrt(d.alpha_u), kMetalAlphas));
 }
 
 // Shares of the light from w, above the surface, that go each way in single bounces; eta is the
@@ -302,15 +312,15 @@ inline float glass_albedo(const Microfacets& d, Vec3 w, float eta) {
   const float alpha = d.alpha_u, z = min(abs(w.z), 1.0f);
   if (eta >= 1.0f) {
     constexpr u32 kRow = kOuterAngles, kPage = kOuterAlphas * kRow;
-    return grid(kGlassOuter + distribution * kIndices * kPage, kPage,
-                cubic(index_coordinate(eta), kIndices), kRow, cubic(sqrt(alpha), kOuterAlphas),
-                cubic(angle_coordinate(z, alpha), kOuterAngles));
+    return grid(kGlassOuter + distribution * kIndices * kPage,
+                cubic(angle_coordinate(z, alpha), kOuterAngles), kPage,
+                cubic(index_coordinate(eta), kIndices), kRow, cubic(sqrt(alpha), kOuterAlphas));
   }
   constexpr u32 kRow = kInnerAngles, kPage = kInnerAlphas * kRow;
-  return grid(kGlassInner + distribution * kInnerIndices * kPage, kPage,
+  return grid(kGlassInner + distribution * kInnerIndices * kPage,
+              cubic(inner_coordinate(z, alpha, eta), kInnerAngles), kPage,
               cubic(index_coordinate(1.0f / eta), kInnerIndices), kRow,
-              cubic(sqrt(alpha), kInnerAlphas),
-              cubic(inner_coordinate(z, alpha, eta), kInnerAngles));
+              cubic(sqrt(alpha), kInnerAlphas));
 }
 
 // A dielectric coat of index eta >= 1, whose reflection is not compensated: what does not come back
@@ -339,7 +349,7 @@ inline Bounces coat_albedo(const Coat& c, Vec3 w) {
   const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kCoatAlphas * kCoatAngles;
   const Cubic x = cubic(angle_coordinate(z, alpha), kCoatAngles);
   const auto less = [&](const auto* table) {
-    return grid(table + first, kCoatAlphas * kCoatAngles, c.index, kCoatAngles, c.alpha, x);
+    return grid(table + first, x, kCoatAlphas * kCoatAngles, c.index, kCoatAngles, c.alpha);
   };
   return {clamp(share - less(kCoatReflected), 0.0f, 1.0f),
           clamp(1.0f - share - less(kCoatRefracted), 0.0f, 1.0f)};
@@ -350,13 +360,13 @@ inline float coat_mean(const Coat& c) {
   const float share = grid(kSmoothMean, cubic(index_coordinate(c.eta), kFineIndices));
   if (c.smooth) return share;
   const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kCoatAlphas;
-  return share - grid(kCoatMean + first, kCoatAlphas, c.index, c.alpha);
+  return share - grid(kCoatMean + first, c.alpha, kCoatAlphas, c.index);
 }
 
 // and of light from within, in single bounces.
 inline float coat_mean_within(const Coat& c) {
   const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kCoatAlphas;
-  return grid(kCoatWithin + first, kCoatAlphas, c.index, c.alpha);
+  return grid(kCoatWithin + first, c.alpha, kCoatAlphas, c.index);
 }
 
 }  // namespace parhelion::PH_ISA

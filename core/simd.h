@@ -1,6 +1,7 @@
 // Sixteen lanes of float, whatever the processor: one AVX-512 register, two of AVX2, four of SSE,
 // or sixteen plain floats. The width seen by the algorithms is always 16, so every instruction set
-// walks the same tree through the same arithmetic to the same bits.
+// walks the same tree through the same arithmetic to the same bits. And four, for colours and rows
+// of tables.
 #pragma once
 #include "math.h"
 
@@ -77,6 +78,48 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return a && b; }
 PH_INLINE Vm v_or(Vm a, Vm b) { return a || b; }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return m ? a : b; }
 PH_INLINE u32 v_bits(Vm m) { return m ? 1u : 0u; }
+#endif
+
+// --- Four floats, from floats or from whole numbers ---------------------------------------------
+#if defined(__SSE4_2__)
+struct Quad {
+  __m128 v;
+};
+PH_INLINE Quad quad(float a, float b, float c, float d) { return {_mm_setr_ps(a, b, c, d)}; }
+PH_INLINE Quad load_quad(const u16* p) {
+  const __m128i four = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(p));
+  return {_mm_cvtepi32_ps(_mm_cvtepu16_epi32(four))};
+}
+PH_INLINE Quad load_quad(const short* p) {
+  const __m128i four = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(p));
+  return {_mm_cvtepi32_ps(_mm_cvtepi16_epi32(four))};
+}
+PH_INLINE void store(float (&to)[4], Quad a) { _mm_storeu_ps(to, a.v); }
+PH_INLINE Quad operator+(Quad a, Quad b) { return {a.v + b.v}; }
+PH_INLINE Quad operator-(Quad a, Quad b) { return {a.v - b.v}; }
+PH_INLINE Quad operator*(Quad a, float s) { return {a.v * _mm_set1_ps(s)}; }
+#else
+struct Quad {
+  float v[4];
+};
+PH_INLINE Quad quad(float a, float b, float c, float d) { return {{a, b, c, d}}; }
+template <class Whole>
+PH_INLINE Quad load_quad(const Whole* p) {
+  return {{static_cast<float>(p[0]), static_cast<float>(p[1]), static_cast<float>(p[2]),
+           static_cast<float>(p[3])}};
+}
+PH_INLINE void store(float (&to)[4], Quad a) {
+  for (int k = 0; k < 4; ++k) to[k] = a.v[k];
+}
+PH_INLINE Quad operator+(Quad a, Quad b) {
+  return {{a.v[0] + b.v[0], a.v[1] + b.v[1], a.v[2] + b.v[2], a.v[3] + b.v[3]}};
+}
+PH_INLINE Quad operator-(Quad a, Quad b) {
+  return {{a.v[0] - b.v[0], a.v[1] - b.v[1], a.v[2] - b.v[2], a.v[3] - b.v[3]}};
+}
+PH_INLINE Quad operator*(Quad a, float s) {
+  return {{a.v[0] * s, a.v[1] * s, a.v[2] * s, a.v[3] * s}};
+}
 #endif
 
 // --- Sixteen lanes ----------------------------------------------------------------------------

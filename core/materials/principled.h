@@ -76,7 +76,7 @@ PH_INLINE float sheen_value(float alpha, Vec3 wo, Vec3 wi) {
 
 PH_INLINE float sheen_albedo(float alpha, Vec3 wo) {
   const float y = (alpha - kLeastSheenAlpha) / (1.0f - kLeastSheenAlpha);
-  return grid(kSheenAlbedo, kSheenAngles, cubic(y, kSheenAlphas), cubic(sqrt(wo.z), kSheenAngles));
+  return grid(kSheenAlbedo, cubic(sqrt(wo.z), kSheenAngles), kSheenAngles, cubic(y, kSheenAlphas));
 }
 
 // --- Thin film --------------------------------------------------------------------------------
