@@ -454,8 +454,9 @@ def test_info_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 def test_info_shows_a_name_that_the_terminal_can_not(tmp_path: Path) -> None:
     (tmp_path / "é.xyz").write_text(XYZ)
-    environment = os.environ | {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
-    done = parhelion("info", "é.xyz", cwd=tmp_path, env=environment)
+    # The name is read as UTF-8, wherever the tests run, and written as ASCII.
+    names = {"LC_ALL": "C.UTF-8", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    done = parhelion("info", "é.xyz", cwd=tmp_path, env=os.environ | names)
     assert (done.returncode, done.stderr) == (0, "")
     assert "xe9.xyz" in done.stdout
 
