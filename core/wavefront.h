@@ -70,6 +70,7 @@ struct Picks {
 template <class Shape>
 struct PickedLights : Picks {
   TowardsBatch<Shape, kBatch> batch;
+  u32 id[kBatch];
 
   // Takes the vertex, if it asks one of these, and says so.
   template <class Block>
@@ -96,8 +97,6 @@ struct PickedLights : Picks {
       v.light.pdf *= pick[i].probability;
     }
   }
-
-  u32 id[kBatch];
 };
 
 // Light samples for those of n vertices that ask for light.
