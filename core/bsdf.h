@@ -15,6 +15,10 @@
 //   evaluate(m, wo, wi)     eval and pdf, as `value` and `pdf`, if they are cheaper together
 //   albedo(m)               for features, if the colour is not good enough
 //   emitted(m)              radiance, only if it shines
+//   Plain                   if most surfaces of its kind need but few of its parameters: these.
+//                           Where is_plain(m), m is whole(plain(m)), and sample and evaluate of
+//                           whole(p) have no branches that p decides: compilers turn them into
+//                           vectors for sixteen paths at once
 #pragma once
 #include "entry.h"
 #include "random.h"

@@ -69,6 +69,14 @@ PH_INLINE DirectSample emitter_sample(const SceneView& scene, Slot slot, const I
                                       const TowardsSample& t) {
   DirectSample out = {t.direction, t.distance, t.pdf, {0, 0, 0}, false, slot};
   if (!(t.pdf > 0.0f)) return out;
+  const ShapeRecord& record = shape_of(scene, id);
+  const MaterialRecord& material = material_of(scene, record, id);
+  if (!instance && !record.normals && material.emission_texture == kNone && !scene.has_holes) {
+    // As of most: nothing matters but the side that is seen.
+    const bool front = (dot(t.direction, t.normal) < 0.0f) != record.inside_out;
+    out.radiance = emission(material, own_color(scene, id, nullptr), front);
+    return out;
+  }
   Surface s;
   s.slot = slot;
   const SurfacePoint p = {origin + t.direction * t.distance, t.normal, t.parameter, 0.0f};
@@ -152,33 +160,14 @@ PH_INLINE DirectSample sample_lights(const SceneView& scene, const Receiver& fro
   return sample_pick(scene, pick_light(scene, from, choice), from.point, u);
 }
 
-// Directions towards primitives of one kind, as sample_towards finds them, for all at once.
-template <class Shape, u32 kCount>
-struct TowardsBatch {
-  Rows<Shape, kCount> shape = {};
-  Rows<Vec3, kCount> from = {};
-  float draws[2][kCount] = {};
-  Rows<TowardsSample, kCount> towards;
-
-  PH_APART void sample() {
-    for (u32 i = 0; i < kCount; ++i) {
-      towards.set(i, sample_towards(shape.at(i), from.at(i), {draws[0][i], draws[1][i]}));
-    }
-  }
-};
-
-// Calls f for each light that a ray which leaves the scene sees, with what it sees of it and, if
-// `weighed`, the density with which sample_lights would have picked the direction for it, else 0.
-template <class F>
-PH_INLINE void for_each_outside(const SceneView& scene, Vec3 direction, bool weighed, F&& f) {
-  for (u32 i = scene.outside_first; i < scene.light_count; ++i) {
-    if (weighed && i < scene.smooth_first) {
-      const LightSight s = light_seen(scene.lights[i], scene.tables, direction);
-      if (!black(s.radiance)) f(s.radiance, scene.outside_share * scene.lights[i].share * s.pdf);
-    } else {
-      const Vec3 shine = light_radiance(scene.lights[i], scene.tables, direction);
-      if (!black(shine)) f(shine, 0.0f);
-    }
+// Directions towards primitives of one kind from sixteen points, as sample_towards finds them.
+template <class Shape>
+PH_APART inline void sample_towards(const Rows<Shape, kBatch>& __restrict shape,
+                                    const Rows<Receiver, kBatch>& __restrict from,
+                                    const float (&__restrict draws)[2][kBatch],
+                                    Rows<TowardsSample, kBatch>& __restrict towards) {
+  for (u32 i = 0; i < kBatch; ++i) {
+    towards.set(i, sample_towards(shape.at(i), from.at(i).point, {draws[0][i], draws[1][i]}));
   }
 }
 

@@ -8,6 +8,8 @@
 //   pdf(l, record, tables, d)             density of sample, per steradian; 0 for delta lights,
 //   or seen(l, record, tables, d)         radiance and pdf, where they are cheaper together
 //   reach(l, record, tables)              of lights that are not outside: for the light tree
+//   even = true                           if radiance has no branches and takes no tables, so that
+//                                         compilers turn it into vectors for sixteen directions
 // and, if it has an image, has_image = true; if it shines so evenly that scattering alone finds it
 // with less noise than asking for it would, smooth = true.
 //

@@ -19,6 +19,11 @@ enum class MaterialKind : u32 {
 #include "materials.def"
 #undef MATERIAL
 };
+inline constexpr u32 kMaterialKinds = 0
+#define MATERIAL(name, Type) +1
+#include "materials.def"
+#undef MATERIAL
+    ;
 
 }  // namespace parhelion
 
@@ -37,14 +42,13 @@ PH_INLINE auto with_material(const ParamBlock& block, F&& f) {
 }
 
 // How many numbers a material takes to choose a lobe.
-PH_INLINE u32 lobe_draws(const ParamBlock& block) {
-  return with_material(block, []<class Material>(const Material&) -> u32 {
-    if constexpr (requires { Material::lobe_draws; }) {
-      return Material::lobe_draws;
-    } else {
-      return 0;
-    }
-  });
+template <class Material>
+constexpr u32 lobe_draws() {
+  if constexpr (requires { Material::lobe_draws; }) {
+    return Material::lobe_draws;
+  } else {
+    return 0;
+  }
 }
 
 PH_INLINE Vec3 block_color(const ParamBlock& block) {

@@ -33,6 +33,10 @@ PH_INLINE Vec3 normalize(Vec3 a) { return a * (1.0f / length(a)); }
 // Of a vector that is of unit length but for rounding: a Newton step, cheaper than a root.
 PH_INLINE Vec3 renormalize(Vec3 a) { return a * (1.5f - 0.5f * dot(a, a)); }
 PH_INLINE float max_component(Vec3 a) { return max(a.x, max(a.y, a.z)); }
+// Without a branch.
+PH_INLINE Vec3 select(bool which, Vec3 a, Vec3 b) {
+  return {which ? a.x : b.x, which ? a.y : b.y, which ? a.z : b.z};
+}
 // In one comparison: of what is not finite the difference from itself is NaN.
 PH_INLINE bool finite(Vec3 a) { return (a.x - a.x) + (a.y - a.y) + (a.z - a.z) == 0.0f; }
 PH_INLINE bool black(Vec3 a) { return a.x == 0.0f && a.y == 0.0f && a.z == 0.0f; }

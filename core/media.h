@@ -5,6 +5,7 @@
 #pragma once
 #include "material.h"
 #include "special.h"
+#include "view.h"
 
 namespace parhelion::PH_ISA {
 

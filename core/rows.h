@@ -12,15 +12,20 @@ struct Rows {
   float row[kNumbers][kCount];
 
   // By its floats, one by one: a copy of the whole struct would keep loops from becoming vectors.
-  PH_INLINE T at(u32 i) const {
-    T t;
+  // Part: another struct of no more floats, which stands in the first rows.
+  template <class Part = T>
+  PH_INLINE Part at(u32 i) const {
+    static_assert(sizeof(Part) <= sizeof(T));
+    Part t;
     float* number = reinterpret_cast<float*>(&t);
-    for (u32 k = 0; k < kNumbers; ++k) number[k] = row[k][i];
+    for (u32 k = 0; k < sizeof(Part) / sizeof(float); ++k) number[k] = row[k][i];
     return t;
   }
-  PH_INLINE void set(u32 i, const T& t) {
+  template <class Part>
+  PH_INLINE void set(u32 i, const Part& t) {
+    static_assert(sizeof(Part) <= sizeof(T));
     const float* number = reinterpret_cast<const float*>(&t);
-    for (u32 k = 0; k < kNumbers; ++k) row[k][i] = number[k];
+    for (u32 k = 0; k < sizeof(Part) / sizeof(float); ++k) row[k][i] = number[k];
   }
 };
 

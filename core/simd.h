@@ -216,4 +216,10 @@ PH_INLINE u32 bits(const LaneMask& m) {
 // Index of the lowest set bit; the argument is not 0.
 PH_INLINE u32 lowest_bit(u32 m) { return compiler::trailing_zeros(m); }
 
+// Calls f with the index of each bit that is set, from the lowest on.
+template <class F>
+PH_INLINE void for_each_bit(u32 m, F&& f) {
+  for (; m != 0; m &= m - 1) f(lowest_bit(m));
+}
+
 }  // namespace parhelion::PH_ISA

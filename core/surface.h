@@ -45,7 +45,8 @@ PH_INLINE const Instance* instance_of(const SceneView& scene, Slot slot) {
 
 // The record of the shape that a primitive belongs to: the last that begins at or before its id.
 PH_INLINE const ShapeRecord& shape_of(const SceneView& scene, u32 id) {
-  u32 low = 0, high = scene.shape_count - 1;
+  const u32* guide = scene.shape_guide + (id >> scene.shape_guide_shift);
+  u32 low = guide[0], high = guide[1];
   while (low < high) {
     const u32 middle = low + (high - low + 1) / 2;
     if (scene.shapes[middle].first_id <= id) {
@@ -156,6 +157,13 @@ PH_INLINE void parametrise(const ShapeRecord& record, const Shape& shape, u32 id
   }
 }
 
+// uv per unit of length.
+PH_INLINE float uv_rate(Vec3 dpdu, Vec3 dpdv) {
+  const Vec3 n = cross(dpdu, dpdv);
+  const float rate = 1.0f / sqrt(sqrt(dot(n, n)));
+  return finite(rate) ? rate : 0.0f;
+}
+
 // Fills everything but the point itself, which `p` has, into s.
 template <class Shape>
 PH_INLINE void complete(const SceneView& scene, const Shape& shape, u32 id, SurfacePoint p,
@@ -195,11 +203,7 @@ PH_INLINE void complete(const SceneView& scene, const Shape& shape, u32 id, Surf
   }
   s.normal = normal;
   s.shading = shading;
-  if (parametrised) {
-    const Vec3 n = cross(s.dpdu, s.dpdv);
-    s.uv_rate = 1.0f / sqrt(sqrt(dot(n, n)));
-    if (!finite(s.uv_rate)) s.uv_rate = 0.0f;
-  }
+  if (parametrised) s.uv_rate = uv_rate(s.dpdu, s.dpdv);
 }
 
 // wants_uv: even if the material does not use it.
@@ -297,19 +301,20 @@ PH_INLINE Vec3 tint(const SceneView& scene, const MaterialRecord& m, const Surfa
   return has_color(s.color) ? s.color : block_color(parameters(scene, m, s, width));
 }
 
-// Radiance that the surface gives off on the side it is seen from.
-PH_INLINE Vec3 emission(const SceneView& scene, const MaterialRecord& m, const Surface& s,
-                        bool front) {
+// Radiance that a surface of its own colour, if it has one, gives off on the side it is seen from.
+// texel: what the texture of the emission has there.
+PH_INLINE Vec3 emission(const MaterialRecord& m, Vec3 color, bool front, Vec3 texel = {1, 1, 1}) {
   Vec3 sum = {0, 0, 0};
-  if (front || m.emits_back) {
-    sum = m.emission_texture == kNone
-              ? m.emission
-              : m.emission * max(texel(scene, m.emission_texture, s, 0.0f).rgb, {0, 0, 0});
-  }
+  if (front || m.emits_back) sum = m.emission * texel;
   if (static_cast<MaterialKind>(m.block.kind) == MaterialKind::emissive) {
-    sum += has_color(s.color) ? s.color : block_color(m.block);
+    sum += has_color(color) ? color : block_color(m.block);
   }
   return sum;
+}
+PH_INLINE Vec3 emission(const SceneView& scene, const MaterialRecord& m, const Surface& s,
+                        bool front) {
+  if (m.emission_texture == kNone || !(front || m.emits_back)) return emission(m, s.color, front);
+  return emission(m, s.color, front, max(texel(scene, m.emission_texture, s, 0.0f).rgb, {0, 0, 0}));
 }
 
 }  // namespace parhelion::PH_ISA

@@ -109,6 +109,7 @@ struct MaterialRecord {
   u32 back;  // record of the back; this one's own index if both sides look the same; kNone: black
   u32 priority;
   Vec3 absorption;  // 1 / normalised unit
+  bool shines;      // on some side, if no texture makes it black
   bool emits_back;
   bool body;                 // a path keeps account of being inside of it
   bool normal_right_handed;  // the normal map's y is normal x u, not along v
@@ -133,7 +134,9 @@ struct SceneView {
   const Group* groups;
   u32 group_count;
   const ShapeRecord* shapes;
-  u32 shape_count;
+  // By id >> shift: the shape that the first primitive of these belongs to. One more at the end.
+  const u32* shape_guide;
+  u32 shape_guide_shift;
   const MaterialRecord* materials;
   TextureTables textures;
   const u32* material_of;  // by primitive id, where a shape's record says so

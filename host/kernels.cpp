@@ -38,6 +38,15 @@ struct Finished {
   u32 at[kBatch], count = 0;
   float rgb[3][kBatch] = {};
 
+  // Those of a wave that have ended, each with its pixel's place in the row.
+  void take(const Wave& wave, u32 ended, const u32 (&place)[kBatch], FilmPixel* row) {
+    for_each_bit(ended, [&](u32 k) {
+      const Vec3 light = wave.paths.sum.at(k);
+      at[count] = place[k];
+      rgb[0][count] = light.x, rgb[1][count] = light.y, rgb[2][count] = light.z;
+      if (++count == kBatch) add_to(row);
+    });
+  }
   void add_to(FilmPixel* row) {
     add(row, at, rgb, count);
     count = 0;
@@ -46,58 +55,60 @@ struct Finished {
 
 void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u32 x1, u32 first,
                 u32 last, FilmPixel* row, FeaturePixel* features, PathStats& stats) {
-  PathPool pool;
-  pool.featured = features != nullptr;
-  u32 at[kPaths],
-      number[kPaths];  // of the sample at a place of the pool: its pixel, and its number
-  u32 free[kPaths], free_count = 0;
-  while (free_count < kPaths) free[free_count] = kPaths - 1 - free_count, ++free_count;
+  // New camera rays are traced by themselves, since those of one pixel lie close together, before
+  // their paths take the places of those that have ended.
+  Wave wave, fresh;
+  u32 at[kBatch], fresh_at[kBatch], number[kBatch], n = 0;
+  Features seen[kBatch];
+  if (features) wave.features = fresh.features = seen;
   Finished finished;
-  const auto take_out = [&] {
-    for (u32 k = 0; k < pool.ended_count; ++k) {
-      const u32 i = pool.ended[k];
-      const Vec3 light = pool.path[i].sum;
-      const u32 n = finished.count++;
-      finished.at[n] = at[i];
-      finished.rgb[0][n] = light.x, finished.rgb[1][n] = light.y, finished.rgb[2][n] = light.z;
-      if (finished.count == kBatch) finished.add_to(row);
-      free[free_count++] = i;
-    }
-    pool.ended_count = 0;
-  };
-
-  // Samples go pixel after pixel. Those of features are counted in that order, so a batch of them
-  // ends before the next begins.
   u32 x = first < last ? x0 : x1, sample = first;
-  for (;;) {
-    while (x < x1 && pool.on_count <= (features ? 0 : kPaths - kBatch)) {
-      CameraBatch<kBatch> batch;
-      u32 n = 0, place[kBatch];
-      for (; n < kBatch && x < x1; ++n) {
-        batch.x[n] = x, batch.sample[n] = sample;
-        place[n] = free[--free_count];
-        at[place[n]] = x - x0, number[place[n]] = sample;
-        if (++sample == last) ++x, sample = first;
-      }
-      for (u32 i = n; i < kBatch; ++i) {  // the rest of the last batch repeats its last sample
-        batch.x[i] = batch.x[n - 1], batch.sample[i] = batch.sample[n - 1];
-      }
-      begin_paths(scene, view, y, batch);
-      // Rays of one pixel lie close together, and are not mixed with others.
-      const u32 before = pool.on_count;
-      for (u32 i = 0; i < n; ++i) begin(scene, view, batch, i, pool, place[i], stats);
-      advance(scene, view, pool, before, stats);
-      if (features) {
-        while (pool.on_count != 0) advance(scene, view, pool, 0, stats);
-        for (u32 i = 0; i < n; ++i) {
-          record(features[at[place[i]]], pool.features[place[i]], number[place[i]]);
-        }
-      }
-      take_out();
+  const auto begin_batch = [&] {
+    CameraBatch<kBatch> batch;
+    for (n = 0; n < kBatch && x < x1; ++n) {  // samples go pixel after pixel
+      batch.x[n] = x, batch.sample[n] = sample;
+      fresh_at[n] = x - x0, number[n] = sample;
+      if (++sample == last) ++x, sample = first;
     }
-    if (pool.on_count == 0) break;
-    advance(scene, view, pool, 0, stats);
-    take_out();
+    for (u32 i = n; i < kBatch; ++i) {  // the rest of the last batch repeats its last sample
+      batch.x[i] = batch.x[n - 1], batch.sample[i] = batch.sample[n - 1];
+    }
+    begin_paths(scene, view, y, batch);
+    begin(scene, view, batch, n, fresh, stats);
+    trace(scene, view, fresh, stats);
+    finished.take(fresh, ((1u << n) - 1) & ~fresh.alive, fresh_at, row);
+  };
+  // Features are counted in the order of their samples: a batch of them ends before the next.
+  const auto end_batch = [&] {
+    for (u32 i = 0; features && i < n; ++i) record(features[fresh_at[i]], seen[i], number[i]);
+    n = 0;
+  };
+  for (;;) {
+    u32 before = wave.alive;
+    trace(scene, view, wave, stats);
+    finished.take(wave, before & ~wave.alive, at, row);
+    while (wave.alive != kAllLanes) {
+      if (fresh.alive == 0) {
+        if (features && wave.alive != 0) break;
+        end_batch();
+        if (x == x1) break;
+        begin_batch();
+      } else if (wave.alive == 0) {
+        wave.paths = fresh.paths;
+        wave.alive = fresh.alive;
+        for (u32 k = 0; k < kBatch; ++k) at[k] = fresh_at[k];
+        fresh.alive = 0;
+      } else {
+        const u32 k = lowest_bit(~wave.alive), lane = lowest_bit(fresh.alive);
+        take(fresh, lane, wave, k);
+        at[k] = fresh_at[lane];
+        fresh.alive &= fresh.alive - 1;
+      }
+    }
+    if (wave.alive == 0) break;
+    before = wave.alive;
+    shade(scene, view, wave, stats);
+    finished.take(wave, before & ~wave.alive, at, row);
   }
   finished.add_to(row);
   for (u32 i = 0; i < x1 - x0; ++i) {

@@ -254,13 +254,28 @@ Scene::Scene(SceneInput input, u64 memory_limit)
   view_.groups = groups_.data();
   view_.group_count = static_cast<u32>(groups_.size());
   view_.shapes = shapes_.data();
-  view_.shape_count = static_cast<u32>(shapes_.size());
+  guide_shapes(next_id);
   view_.material_of = material_of_.empty() ? nullptr : material_of_.data();
   view_.color_of = color_of_.empty() ? nullptr : color_of_.data();
   make_materials();
   expect_lights(input.lights, built);
   find_all_emitters(built);
   make_lights(std::move(input.lights));
+}
+
+// A search for a primitive's shape begins where the guide says: few steps, whatever their number.
+void Scene::guide_shapes(u32 primitives) {
+  constexpr u64 kEntriesPerShape = 8, kLeastEntries = 1024;
+  const u64 most = kEntriesPerShape * shapes_.size() + kLeastEntries;
+  u32 shift = 0;
+  while ((u64{primitives} >> shift) + 2 > most) ++shift;
+  u32 shape = 0;
+  for (u64 id = 0; id <= u64{primitives} + (u64{1} << shift); id += u64{1} << shift) {
+    while (shape + 1 < shapes_.size() && shapes_[shape + 1].first_id <= id) ++shape;
+    shape_guide_.push_back(shape);
+  }
+  view_.shape_guide = shape_guide_.data();
+  view_.shape_guide_shift = shift;
 }
 
 void Scene::set_materials(std::vector<MaterialRecord> materials) {
@@ -597,6 +612,7 @@ void Scene::make_materials() {
     m.absorption = {m.absorption.x * per_unit, m.absorption.y * per_unit,
                     m.absorption.z * per_unit};
     m.bump_scale *= static_cast<float>(scale_);
+    m.shines = shines(m);
     scale_lengths(m.block, material_params(m.block.kind), scale_);
     m.clear = static_cast<MaterialKind>(m.block.kind) == MaterialKind::null && m.priority == 0 &&
               baseline::black(m.absorption) && m.blend_first == kNone && m.back == i;
@@ -857,9 +873,9 @@ size_t Scene::block_count() const {
 size_t Scene::memory() const {
   size_t n =
       nodes_.bytes() + instances_.capacity() * sizeof(Instance) +
-      shapes_.capacity() * sizeof(ShapeRecord) + materials_.capacity() * sizeof(MaterialRecord) +
-      material_of_.bytes() + color_of_.bytes() + emitters_.capacity() * sizeof(Slot) +
-      light_tree_.nodes.capacity() * sizeof(LightNode) +
+      shapes_.capacity() * sizeof(ShapeRecord) + shape_guide_.capacity() * sizeof(u32) +
+      materials_.capacity() * sizeof(MaterialRecord) + material_of_.bytes() + color_of_.bytes() +
+      emitters_.capacity() * sizeof(Slot) + light_tree_.nodes.capacity() * sizeof(LightNode) +
       (light_tree_.slot_of_node.capacity() + light_tree_.slot_of_light.capacity()) * sizeof(u32);
 #define SHAPE(name, Type) n += name##s_.bytes();
 #include "../core/shapes.def"

@@ -148,6 +148,7 @@ class Scene {
   void write_groups(std::vector<BuiltGroup>& built);
   void find_emitters(BuiltGroup& group, const Group& place) const;
   void keep_mesh(const ShapeInput& shape, ShapeRecord& record);
+  void guide_shapes(u32 primitives);
   void make_materials();
   void find_all_emitters(const std::vector<BuiltGroup>& built);
   void make_lights(std::vector<LightInput> lights);
@@ -171,6 +172,7 @@ class Scene {
   std::vector<Instance> instances_;
   std::vector<Group> groups_;
   std::vector<ShapeRecord> shapes_;
+  std::vector<u32> shape_guide_;
   std::vector<std::unique_ptr<MeshData>> meshes_;
   std::vector<MaterialRecord> materials_;
   std::vector<TextureBinding> bindings_;

@@ -15,26 +15,27 @@ class Recorder {
   Recorder(const SceneView& scene, const RenderView& view, TracedPath& path)
       : scene_(scene), view_(view), out_(path) {}
 
-  void look(Step step, const PathState& path, const Vertex* v, Fate fate) {
+  void look(Step step, const Paths& path, const Vertices& v, Fate fate, bool lit) {
+    const Vec3 direction = path.direction.at(0);
     switch (step) {
       case Step::begins:
-        copy(path.ray.origin - path.ray.direction * path.travelled, out_.origin);
-        out_.direction = path.ray.direction;
+        copy(path.origin.at(0) - direction * path.travelled[0], out_.origin);
+        out_.direction = direction;
         if (fate == Fate::ends) take(path, out_.background);
         break;
       case Step::leaves:
         take(path, out_.background);
         out_.end = PathEnd::leaves;
         break;
-      case Step::meets: met(path, *v, fate); break;
-      case Step::approaches: approached(path, *v, fate); break;
-      case Step::asks: asked(*v); break;
+      case Step::meets: met(path, v, fate); break;
+      case Step::approaches: approached(path, v, fate); break;
+      case Step::asks: asked(v, lit); break;
       case Step::receives:
         if (last().lit) take(path, last().light.added);
         break;
-      case Step::scatters: scattered(path, *v, fate); break;
+      case Step::scatters: scattered(path, v, fate); break;
     }
-    incoming_ = path.ray.direction;
+    incoming_ = direction;
   }
 
  private:
@@ -56,8 +57,9 @@ class Recorder {
   }
 
   // What has been added since it was last looked at.
-  void take(const PathState& path, double (&added)[3]) {
-    const float sum[3] = {path.sum.x, path.sum.y, path.sum.z};
+  void take(const Paths& path, double (&added)[3]) {
+    const Vec3 all = path.sum.at(0);
+    const float sum[3] = {all.x, all.y, all.z};
     for (int k = 0; k < 3; ++k) {
       added[k] = static_cast<double>(sum[k]) - sum_[k];
       sum_[k] = static_cast<double>(sum[k]);
@@ -75,82 +77,83 @@ class Recorder {
     return p;
   }
 
-  void met(const PathState& path, const Vertex& v, Fate fate) {
-    const Surface& s = v.surface;
+  void met(const Paths& path, const Vertices& v, Fate fate) {
+    const Surface s = v.surface(0, path.slot[0]);
     TracedVertex t{};
     t.place = place(s.slot, s.id);
     t.material =
-        static_cast<u32>((fate == Fate::scatters ? v.record : s.material) - scene_.materials);
-    t.depth = path.depth;
+        static_cast<u32>((fate == Fate::scatters ? v.record[0] : s.material) - scene_.materials);
+    t.depth = path.depth[0];
     copy(s.point, t.position);
     // The camera's own ray begins at the scene's bounds.
-    const float length = out_.vertices.empty() ? path.travelled : path.hit.t;
+    const float length = out_.vertices.empty() ? path.travelled[0] : path.t[0];
     t.distance = static_cast<double>(length) * scene_.unit;
     t.normal = s.normal;
     t.shading_normal = s.shading;
     t.front = dot(incoming_, s.normal) < 0.0f;
     take(path, t.emitted);
-    t.throughput = path.throughput;
-    t.direction = path.ray.direction;
+    t.throughput = path.throughput.at(0);
+    t.direction = path.direction.at(0);
     if (fate == Fate::passes) t.event = PathEvent::passes;
     out_.vertices.push_back(t);
     if (fate != Fate::ends) return;
     out_.end = view_.integrator == Integrator::ambient_occlusion ? PathEnd::openness
-               : path.depth >= view_.max_depth                   ? PathEnd::deep
+               : path.depth[0] >= view_.max_depth                ? PathEnd::deep
                                                                  : PathEnd::back;
   }
 
-  void approached(const PathState& path, const Vertex& v, Fate fate) {
+  void approached(const Paths& path, const Vertices& v, Fate fate) {
     TracedVertex& t = last();
-    t.shading_normal = v.frame.z;
-    t.throughput = path.throughput;
+    t.shading_normal = v.frame.at(0).z;
+    t.throughput = path.throughput.at(0);
     if (fate == Fate::passes) t.event = PathEvent::passes;
     if (fate == Fate::ends) out_.end = PathEnd::dark;
     if (fate != Fate::scatters) return;
     // The same draws once more, for what the steps do not hand on.
-    Vertex own = v;
-    own.place = 0;
-    const Vertex* const here = &own;
+    Paths own = path;
+    Kinds kinds;
+    kinds.lanes[v.block[0]->kind] = 1;
     BounceDraws draws = {};
-    draw_bounces(&path, &here, 1, true, draws);
+    draw_bounces(own, kinds, true, draws);
     choice_ = {draws.choice[0][0], draws.choice[1][0]};
     next_ = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
-    sampled_ = with_material(v.block, [&](const auto& material) {
-      return sample(material, v.local_wo, draws.bsdf(0), next_);
+    sampled_ = with_material(*v.block[0], [&](const auto& material) {
+      return sample(material, v.local_wo.at(0), draws.bsdf(0), next_);
     });
   }
 
-  void asked(const Vertex& v) {
+  void asked(const Vertices& v, bool lit) {
     last().lit = true;
     TracedLight& light = last().light;
-    const DirectSample& s = v.light;
-    light.direction = s.direction;
-    light.distance = static_cast<double>(s.distance) * scene_.unit;
-    light.pdf = s.pdf;
-    light.delta = s.delta;
-    light.radiance = s.radiance;
-    light.scattered = v.asks;
-    if (s.slot.leaf != kNone) {
-      const u32 id = with_primitive(scene_, s.slot, [](const auto&, u32 own) { return own; });
-      light.place = place(s.slot, id);
+    light.direction = v.to_light.at(0);
+    light.distance = static_cast<double>(v.light_distance[0]) * scene_.unit;
+    light.pdf = v.light_pdf[0];
+    light.delta = v.light_delta[0] != 0;
+    light.radiance = v.radiance.at(0);
+    light.scattered = lit;
+    const Slot slot = v.light_slot[0];
+    if (slot.leaf != kNone) {
+      const u32 id = with_primitive(scene_, slot, [](const auto&, u32 own) { return own; });
+      light.place = place(slot, id);
     } else {
-      light.record = pick_light(scene_, v.receiver, choice_).record;
+      light.record = pick_light(scene_, v.receiver.at(0), choice_).record;
     }
   }
 
-  void scattered(const PathState& path, const Vertex& v, Fate fate) {
+  void scattered(const Paths& path, const Vertices& v, Fate fate) {
     TracedVertex& t = last();
     t.specular = sampled_ && next_.delta;
     t.pdf = sampled_ ? next_.pdf : 0.0f;
-    t.throughput = path.throughput;
+    t.throughput = path.throughput.at(0);
+    const Vec3 local_wo = v.local_wo.at(0);
     if (fate != Fate::ends) {
-      t.event = next_.wi.z * v.local_wo.z < 0.0f ? PathEvent::transmits : PathEvent::reflects;
-      t.direction = path.ray.direction;
+      t.event = next_.wi.z * local_wo.z < 0.0f ? PathEvent::transmits : PathEvent::reflects;
+      t.direction = path.direction.at(0);
       return;
     }
-    const Vec3 wi = renormalize(to_world(v.frame, next_.wi));
-    const float survival = max_component(path.throughput) * path.eta_scale;
-    out_.end = !sampled_ || !consistent(v.surface, -incoming_, wi, v.local_wo, next_.wi)
+    const Vec3 wi = renormalize(to_world(v.frame.at(0), next_.wi));
+    const float survival = max_component(path.throughput.at(0)) * path.eta_scale[0];
+    out_.end = !sampled_ || !consistent(v.normal.at(0), -incoming_, wi, local_wo, next_.wi)
                    ? PathEnd::absorbed
                : !(survival > 0.0f) ? PathEnd::dark
                                     : PathEnd::roulette;
@@ -163,8 +166,8 @@ TracedPath trace_pixel(const Scene& scene, const RenderView& view, u32 x, u32 y,
   TracedPath path{};
   Recorder recorder(scene.view(), view, path);
   PathStats stats = {0};
-  const auto watch = [&](Step step, const PathState& state, const Vertex* vertex, Fate fate) {
-    recorder.look(step, state, vertex, fate);
+  const auto watch = [&](Step step, const Wave& wave, u32 /*lane*/, Fate fate, bool lit = false) {
+    recorder.look(step, wave.paths, wave.vertices, fate, lit);
   };
   CameraBatch<1> batch = {};
   batch.x[0] = x, batch.sample[0] = sample;

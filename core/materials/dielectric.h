@@ -15,6 +15,7 @@ struct Dielectric {
   Vec3 reflectance, transmittance;
   float dispersion;
 
+  using Plain = struct PlainDielectric;
   static constexpr bool transmits = true;
   static constexpr u32 lobe_draws = 1;
   static constexpr const char* doc = "glass, smooth or frosted: reflects and refracts";
@@ -35,9 +36,24 @@ PH_INLINE Microfacets microfacets(const Dielectric& m) {
   return microfacets(m.roughness, m.anisotropy, m.distribution);
 }
 
+// Clear
+struct PlainDielectric {
+  Vec3 color;
+  float ior;
+  Vec3 reflectance, transmittance;
+};
+PH_INLINE bool is_plain(const Dielectric& m) { return m.roughness == 0.0f; }
+PH_INLINE PlainDielectric plain(const Dielectric& m) {
+  return {m.color, m.ior, m.reflectance, m.transmittance};
+}
+PH_INLINE Dielectric whole(const PlainDielectric& m) {
+  return {m.color, m.ior, 0.0f, 0.0f, 0.0f, 0.0f, m.reflectance, m.transmittance, 0.0f};
+}
+
 // Refraction narrows a lobe by the contrast of the indices.
 PH_INLINE bool smooth(const Dielectric& m, const Microfacets& d) {
-  return max(d.alpha_u, d.alpha_v) * min(1.0f, abs(m.ior - 1.0f)) <= kSmoothAlpha;
+  return m.roughness == 0.0f ||
+         max(d.alpha_u, d.alpha_v) * min(1.0f, abs(m.ior - 1.0f)) <= kSmoothAlpha;
 }
 
 PH_INLINE bool is_delta(const Dielectric& m) { return smooth(m, microfacets(m)); }

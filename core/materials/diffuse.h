@@ -15,12 +15,21 @@ struct Diffuse {
   Vec3 color;
   float roughness;
 
+  using Plain = struct PlainDiffuse;
   static constexpr const char* doc = "matte, on both sides: Lambert's cosine law, or rough";
   static constexpr ParamInfo params[] = {
       {"color", 3, {0.8f, 0.8f, 0.8f}, 0.0f, 1.0f, "share of the light that is reflected"},
       {"roughness", 1, {0.0f}, 0.0f, 1.0f, "0 is Lambert's law, 1 like dry plaster"},
   };
 };
+
+// Lambert's
+struct PlainDiffuse {
+  Vec3 color;
+};
+PH_INLINE bool is_plain(const Diffuse& m) { return m.roughness == 0.0f; }
+PH_INLINE PlainDiffuse plain(const Diffuse& m) { return {m.color}; }
+PH_INLINE Diffuse whole(const PlainDiffuse& m) { return {m.color, 0.0f}; }
 
 PH_INLINE bool is_delta(const Diffuse&) { return false; }
 

@@ -13,12 +13,17 @@ struct Metal {
   Vec3 color;
   float fuzz;
 
+  using Plain = Metal;
   static constexpr const char* doc = "mirror, blurred by fuzz";
   static constexpr ParamInfo params[] = {
       {"color", 3, {0.8f, 0.8f, 0.8f}, 0.0f, 1.0f, "share of the light that is reflected"},
       {"fuzz", 1, {0.0f}, 0.0f, 1.0f, "0 a mirror; else the radius of the blurring sphere"},
   };
 };
+
+PH_INLINE bool is_plain(const Metal&) { return true; }
+PH_INLINE Metal plain(const Metal& m) { return m; }
+PH_INLINE Metal whole(const Metal& m) { return m; }
 
 // A lobe narrower than this is treated as a mirror: its density would exceed 1e7.
 PH_INLINE bool is_delta(const Metal& m) { return m.fuzz < 1e-4f; }
@@ -27,28 +32,26 @@ PH_INLINE bool is_delta(const Metal& m) { return m.fuzz < 1e-4f; }
 PH_INLINE float lobe_radius(const Metal& m) { return min(m.fuzz, 0.9999f); }
 
 PH_INLINE float pdf(const Metal& m, Vec3 wo, Vec3 wi) {
-  if (is_delta(m) || wo.z * wi.z <= 0.0f) return 0.0f;
   const Frame lobe = frame_around({-wo.x, -wo.y, wo.z});
   const float radius = lobe_radius(m);
-  return fuzzy_lobe_pdf(to_local(lobe, wi), radius) +
-         fuzzy_lobe_pdf(to_local(lobe, {wi.x, wi.y, -wi.z}), radius);
+  const float density = fuzzy_lobe_pdf(to_local(lobe, wi), radius) +
+                        fuzzy_lobe_pdf(to_local(lobe, {wi.x, wi.y, -wi.z}), radius);
+  return is_delta(m) | (wo.z * wi.z <= 0.0f) ? 0.0f : density;
 }
 
 PH_INLINE Vec3 eval(const Metal& m, Vec3 wo, Vec3 wi) { return m.color * pdf(m, wo, wi); }
 
 PH_INLINE bool sample(const Metal& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+  const bool mirror = is_delta(m);
   const Vec3 mirrored = {-wo.x, -wo.y, wo.z};
-  out.weight = m.color;
-  if (is_delta(m)) {
-    out.wi = mirrored;
-    out.delta = true;
-    return true;
-  }
-  out.wi = to_world(frame_around(mirrored), fuzzy_lobe(u.direction, lobe_radius(m)));
-  out.wi.z = copysign(out.wi.z, wo.z);
-  out.pdf = pdf(m, wo, out.wi);
+  Vec3 wi = to_world(frame_around(mirrored), fuzzy_lobe(u.direction, lobe_radius(m)));
+  wi.z = copysign(wi.z, wo.z);
+  out.wi = select(mirror, mirrored, wi);
   // Rounding may move a direction over the lobe's limb, where the density has its pole.
-  if (!(out.pdf > 0.0f)) out.pdf = 1e10f;
+  const float density = pdf(m, wo, wi);
+  out.pdf = mirror ? 0.0f : density > 0.0f ? density : 1e10f;
+  out.delta = mirror;
+  out.weight = m.color;
   return true;
 }
 

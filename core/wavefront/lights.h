@@ -1,0 +1,182 @@
+// Light: which of them surfaces ask, how much of it they scatter, and whether it arrives.
+#pragma once
+#include "materials.h"
+
+namespace parhelion::PH_ISA {
+
+// Up to so many lights are weighed for sixteen points at once, one after the other; of more,
+// sixteen at once for each point.
+inline constexpr u32 kFewLights = 8;
+
+// Primitives of one kind, of the scene itself, that are asked for light.
+template <class Shape>
+struct PickedLights {
+  Rows<Shape, kBatch> shape = {};
+  u32 id[kBatch];
+  u32 lanes = 0;
+
+  // Takes the light that lane k has picked, if it is one of these, and says so.
+  template <class Block>
+  PH_INLINE bool take(const Block* blocks, ShapeKind kind, const LightPick& p, u32 k) {
+    const Slot slot = p.slot;
+    if (p.record != kNone || slot.leaf == kNone || slot.instance != kNone) return false;
+    if (leaf_kind(slot.leaf) != kind) return false;
+    const Block& block = blocks[slot.leaf & kLeafIndexMask];
+    shape.set(k, primitive(block, slot.lane));
+    id[k] = block.id[slot.lane];
+    lanes |= 1u << k;
+    return true;
+  }
+  PH_INLINE void sample(const SceneView& scene, const LightPick (&pick)[kBatch],
+                        const BounceDraws& draws, Vertices& v) {
+    if (lanes == 0) return;
+    Rows<TowardsSample, kBatch> towards;
+    sample_towards(shape, v.receiver, draws.point, towards);
+    for_each_bit(lanes, [&](u32 k) {
+      DirectSample light = emitter_sample(scene, pick[k].slot, nullptr, shape.at(k), id[k],
+                                          v.receiver.at(k).point, towards.at(k));
+      light.pdf *= pick[k].probability;
+      v.set_light(k, light);
+    });
+  }
+};
+
+// Light samples for those that ask for one; returns the lanes of those that get any.
+inline u32 ask(const SceneView& scene, u32 lanes, const BounceDraws& draws, Vertices& v) {
+  const LightTreeView& tree = scene.light_tree;
+  const bool few = tree.light_count != 0 && tree.light_count <= kFewLights;
+  u32 chosen[kBatch];
+  float probability[kBatch];
+  if (few) {
+    LitPoints at;
+    for (u32 k = 0; k < kBatch; ++k) {
+      const Receiver r = v.receiver.at(k);
+      at.x[k] = r.point.x, at.y[k] = r.point.y, at.z[k] = r.point.z;
+      at.normal_x[k] = r.normal.x, at.normal_y[k] = r.normal.y, at.normal_z[k] = r.normal.z;
+      at.u[0][k] = draws.choice[0][k], at.u[1][k] = choice_inside(scene, draws.choice[1][k]);
+    }
+    choose_lights(tree, at, chosen, probability);
+  }
+  // Those to which directions are found for all at once.
+  LightPick picks[kBatch];
+  PickedLights<Triangle> triangles;
+  PickedLights<Sphere> spheres;
+  PanoramaBatch<kBatch> panoramas;
+  u32 around[kBatch], around_count = 0;
+  for_each_bit(lanes, [&](u32 k) {
+    const Vec2 choice = {draws.choice[0][k], draws.choice[1][k]};
+    const Vec2 point = {draws.point[0][k], draws.point[1][k]};
+    LightPick& pick = picks[k];
+    pick = few && !(choice.y < scene.outside_share) ? pick_inside(scene, chosen[k], probability[k])
+                                                    : pick_light(scene, v.receiver.at(k), choice);
+    if (triangles.take(scene.triangles, ShapeKind::triangle, pick, k)) return;
+    if (spheres.take(scene.spheres, ShapeKind::sphere, pick, k)) return;
+    if (pick.record != kNone && is_panorama(scene.lights[pick.record])) {
+      const LightRecord& record = scene.lights[pick.record];
+      panoramas.set(around_count, scene.tables.images[record.image],
+                    scene.tables.distributions[record.distribution],
+                    is_latlong(from_block<Envmap>(record.block)), point);
+      around[around_count++] = k;
+    } else {
+      v.set_light(k, sample_pick(scene, pick, v.receiver.at(k).point, point));
+    }
+  });
+  if (around_count != 0) panoramas.sample(around_count);
+  for (u32 i = 0; i < around_count; ++i) {
+    const LightPick& pick = picks[around[i]];
+    const LightRecord& record = scene.lights[pick.record];
+    DirectSample light = record_sample(
+        from_panorama(from_block<Envmap>(record.block), record, panoramas.sampled(i)));
+    light.pdf *= pick.probability;
+    v.set_light(around[i], light);
+  }
+  triangles.sample(scene, picks, draws, v);
+  spheres.sample(scene, picks, draws, v);
+  u32 lit = 0;
+  for_each_bit(lanes, [&](u32 k) {
+    if (v.light_pdf[k] > 0.0f && !black(v.radiance.at(k))) lit |= 1u << k;
+  });
+  return lit;
+}
+
+// Before and after materials say how much of the light they scatter.
+PH_APART inline void look_towards_lights(const Paths& __restrict paths,
+                                         u32 (&__restrict fits)[kBatch], Vertices& __restrict v) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Vec3 wo = -paths.direction.at(k), light = v.to_light.at(k), local_wo = v.local_wo.at(k);
+    const Vec3 wi = to_local(v.frame.at(k), light);
+    v.local_wi.set(k, wi);
+    fits[k] = consistent(v.normal.at(k), wo, light, local_wo, wi) ? 1 : 0;
+  }
+}
+PH_APART inline void weigh_lights(Vertices& v) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const BsdfValue f = v.scattered.at(k);
+    const float weight = v.light_delta[k] != 0 ? 1.0f : power_heuristic(v.light_pdf[k], f.pdf);
+    v.value.set(k, f.value * v.radiance.at(k));
+    v.scale[k] = weight / v.light_pdf[k];
+  }
+}
+
+template <class Material>
+PH_APART inline void value_of_plain(const u32 (&__restrict these)[kBatch], Vertices& __restrict v) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const auto material = whole(v.plain.at<typename Material::Plain>(k));
+    const BsdfValue f = value_of(material, v.local_wo.at(k), v.local_wi.at(k));
+    const BsdfValue before = v.scattered.at(k);
+    const bool own = these[k] != 0;
+    v.scattered.set(k, BsdfValue{select(own, f.value, before.value), own ? f.pdf : before.pdf});
+  }
+}
+
+// How much of the light surfaces scatter towards wo; returns the lanes of those that do any.
+inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v) {
+  u32 fits[kBatch];
+  look_towards_lights(paths, fits, v);
+  u32 lit = 0;
+  for_each_bit(lanes, [&](u32 k) { lit |= fits[k] << k; });
+  for_each_kind(kinds, [&]<class Material>(u32 own) {
+    own &= lit;
+    if constexpr (requires { typename Material::Plain; }) {
+      if ((own & kinds.plain) != 0) {
+        u32 these[kBatch];
+        spread(own & kinds.plain, these);
+        value_of_plain<Material>(these, v);
+        own &= ~kinds.plain;
+      }
+    }
+    for_each_bit(own, [&](u32 k) {
+      const Material material = from_block<Material>(*v.block[k]);
+      v.scattered.set(k, value_of(material, v.local_wo.at(k), v.local_wi.at(k)));
+    });
+  });
+  for_each_bit(lit, [&](u32 k) {
+    if (black(v.scattered.at(k).value)) lit &= ~(1u << k);
+  });
+  weigh_lights(v);
+  return lit;
+}
+
+// Adds the light that arrives, through the body that it reaches the surface in.
+inline void receive(const SceneView& scene, const RenderView& view, bool transmits, u32 k, Paths& p,
+                    const Vertices& v, PathStats& stats) {
+  const Vec3 to_light = v.to_light.at(k), normal = v.normal.at(k);
+  const float distance = v.light_distance[k];
+  const bool behind = dot(to_light, normal) < 0.0f;
+  const Ray ray = {ray_origin(v.point.at(k), normal, v.error[k], behind), to_light, p.slot[k],
+                   behind != (v.inside_out[k] != 0)};
+  const Vec3 through = transmittance(scene, ray, distance, v.light_slot[k], view.tree, stats);
+  if (black(through)) return;
+  Vec3 sum = v.value.at(k) * through * v.scale[k];
+  const float wo_z = v.local_wo.at(k).z;
+  const bool crosses = transmits && v.local_wi.at(k).z * wo_z < 0.0f;
+  // A body that a ray leaves the scene from has no far side, for this ray as for the path's own.
+  if (finite(distance) && (p.media[k].count != 0 || crosses)) {
+    Media media = p.media[k];
+    if (crosses) cross_boundary(scene, media, *v.record[k], wo_z > 0.0f);
+    absorb(scene, media, distance, sum);
+  }
+  add_scattered(view, p, k, p.throughput.at(k) * sum, p.depth[k]);
+}
+
+}  // namespace parhelion::PH_ISA

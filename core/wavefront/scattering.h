@@ -1,0 +1,124 @@
+// Where paths go on.
+#pragma once
+#include "materials.h"
+
+namespace parhelion::PH_ISA {
+
+// What materials have sampled, by lane: as BsdfSample, and whether there is one.
+struct Sampled {
+  Rows<Vec3, kBatch> wi, weight;
+  float pdf[kBatch], eta[kBatch];
+  u32 delta[kBatch], is[kBatch];
+
+  PH_INLINE void set(u32 k, const BsdfSample& s, bool there) {
+    wi.set(k, s.wi);
+    weight.set(k, s.weight);
+    pdf[k] = s.pdf;
+    eta[k] = s.eta;
+    delta[k] = s.delta;
+    is[k] = there;
+  }
+};
+
+template <class Material>
+PH_APART inline void sample_plain(const u32 (&__restrict these)[kBatch],
+                                  const Vertices& __restrict v, const BounceDraws& __restrict draws,
+                                  Sampled& __restrict next) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const auto material = whole(v.plain.at<typename Material::Plain>(k));
+    BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
+    const bool there = sample(material, v.local_wo.at(k), draws.bsdf(k), s);
+    const bool own = these[k] != 0;
+    next.wi.set(k, select(own, s.wi, next.wi.at(k)));
+    next.weight.set(k, select(own, s.weight, next.weight.at(k)));
+    next.pdf[k] = own ? s.pdf : next.pdf[k];
+    next.eta[k] = own ? s.eta : next.eta[k];
+    next.delta[k] = own ? (s.delta ? 1u : 0u) : next.delta[k];
+    next.is[k] = own ? (there ? 1u : 0u) : next.is[k];
+  }
+}
+
+// Sends on the paths that `these` says, and says of which that is the end.
+PH_APART inline void send_on(const u32 (&__restrict these)[kBatch], const Sampled& __restrict next,
+                             const BounceDraws& __restrict draws, const Vertices& __restrict v,
+                             u32 unasked, u32 roulette_from, u32 (&__restrict goes)[kBatch],
+                             Paths& __restrict p) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Vec3 direction = p.direction.at(k), normal = v.normal.at(k), point = v.point.at(k);
+    const Vec3 local_wo = v.local_wo.at(k), local_wi = next.wi.at(k);
+    const bool delta = next.delta[k] != 0;
+    const float pdf = next.pdf[k];
+    const Vec3 wi = renormalize(to_world(v.frame.at(k), local_wi));
+    const bool fits = (these[k] != 0) & (next.is[k] != 0) &
+                      consistent(normal, -direction, wi, local_wo, local_wi);
+    const Vec3 before = p.throughput.at(k), throughput = before * next.weight.at(k);
+    const float eta_scale = p.eta_scale[k] * (next.eta[k] * next.eta[k]);
+    // The cone of directions that are as likely as one sample in sixty-four.
+    const float wide = max(p.spread[k], 0.125f / sqrt(max(pdf, 1e-6f)));
+
+    // Russian roulette
+    const float carried = max_component(throughput) * eta_scale;
+    const float survival = carried * (1.0f / kRouletteBelow);
+    const bool plays = (p.depth[k] >= roulette_from) & (survival < 0.95f);
+    const float chance = plays ? survival : 1.0f;
+    // By the difference: compilers would make branches of a comparison.
+    const bool on = fits & !(survival <= 0.0f) & (chance - draws.roulette[k] > 0.0f);
+    const Vec3 kept = throughput * (1.0f / chance);
+
+    const bool behind = dot(wi, normal) < 0.0f;
+    p.origin.set(k, select(on, ray_origin(point, normal, v.error[k], behind), p.origin.at(k)));
+    p.direction.set(k, select(on, wi, direction));
+    p.inward[k] = on ? (behind ? 1u : 0u) ^ v.inside_out[k] : p.inward[k];
+    p.throughput.set(k, select(on, kept, select(fits, throughput, before)));
+    p.eta_scale[k] = fits ? eta_scale : p.eta_scale[k];
+    p.scatter_pdf[k] = fits ? ((next.delta[k] | unasked) != 0 ? 0.0f : pdf) : p.scatter_pdf[k];
+    p.spread[k] = fits & !delta ? wide : p.spread[k];
+    const Receiver to = v.receiver.at(k), from = p.receiver.at(k);
+    p.receiver.set(k,
+                   Receiver{select(on, to.point, from.point), select(on, to.normal, from.normal)});
+    p.depth[k] += on ? 1u : 0u;
+    goes[k] = on ? 1 : 0;
+  }
+}
+
+// Scatters the paths of `lanes`; returns those that go on.
+inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& kinds, u32 lanes,
+                   const BounceDraws& draws, Wave& wave) {
+  Paths& p = wave.paths;
+  Vertices& v = wave.vertices;
+  Sampled next = {};
+  u32 transmitting = 0;
+  for_each_kind(kinds, [&]<class Material>(u32 own) {
+    if (kTransmits<Material>) transmitting |= own;
+    if constexpr (requires { typename Material::Plain; }) {
+      if ((own & kinds.plain) != 0) {
+        u32 these[kBatch];
+        spread(own & kinds.plain, these);
+        sample_plain<Material>(these, v, draws, next);
+        own &= ~kinds.plain;
+      }
+    }
+    for_each_bit(own, [&](u32 k) {
+      BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
+      const Material material = from_block<Material>(*v.block[k]);
+      const bool there = sample(material, v.local_wo.at(k), draws.bsdf(k), s);
+      next.set(k, s, there);
+    });
+  });
+  u32 these[kBatch], goes[kBatch], on = 0;
+  spread(lanes, these);
+  send_on(these, next, draws, v, asks_for_light(scene) ? 0 : 1,
+          view.roulette ? kRouletteStart : kNone, goes, p);
+  for_each_bit(lanes, [&](u32 k) {
+    on |= goes[k] << k;
+    p.self[k] = p.slot[k];
+  });
+  for_each_bit(transmitting & on, [&](u32 k) {
+    if (next.wi.at(k).z * v.local_wo.at(k).z < 0.0f) {
+      cross_boundary(scene, p.media[k], *v.record[k], v.front[k] != 0);
+    }
+  });
+  return on;
+}
+
+}  // namespace parhelion::PH_ISA

@@ -1,0 +1,173 @@
+// Surfaces: where rays have met them, and which material is there with which parameters.
+#pragma once
+#include "wave.h"
+
+namespace parhelion::PH_ISA {
+
+// Where rays meet primitives of one kind.
+template <class Shape>
+PH_APART inline void find_points(const Rows<Shape, kBatch>& __restrict shape,
+                                 const u32 (&__restrict these)[kBatch],
+                                 const Paths& __restrict paths, Vertices& __restrict v) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Ray ray = {paths.origin.at(k), paths.direction.at(k), kNoSlot, false};
+    SurfacePoint s;
+    surface(shape.at(k), ray, paths.t[k], s);
+    const bool own = these[k] != 0;
+    v.point.set(k, select(own, s.point, v.point.at(k)));
+    v.normal.set(k, select(own, s.normal, v.normal.at(k)));
+    v.parameter.row[0][k] = own ? s.parameter.x : v.parameter.row[0][k];
+    v.parameter.row[1][k] = own ? s.parameter.y : v.parameter.row[1][k];
+    v.error[k] = own ? s.error : v.error[k];
+  }
+}
+
+// Turns normals to the outside of shapes that have no normals of their own.
+PH_APART inline void face_outside(const u32 (&__restrict these)[kBatch], Vertices& __restrict v) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const float side = (these[k] & v.inside_out[k]) != 0 ? -1.0f : 1.0f;
+    const Vec3 n = v.normal.at(k) * side;
+    v.normal.set(k, n);
+    v.shading.set(k, select(these[k] != 0, n, v.shading.at(k)));
+  }
+}
+
+// The surfaces that paths have met. wants_uv: lanes that want them even if the material does not.
+inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes, u32 wants_uv,
+                          Vertices& v) {
+  Rows<Triangle, kBatch> triangles = {};
+  Rows<Sphere, kBatch> spheres = {};
+  u32 is_triangle[kBatch] = {}, is_sphere[kBatch] = {}, is_plain[kBatch] = {};
+  u32 any_triangle = 0, any_sphere = 0, smooth = 0, parametrised = 0;
+  for_each_bit(lanes, [&](u32 k) {
+    const Slot slot = paths.slot[k];
+    const u32 bit = 1u << k;
+    const ShapeKind kind = leaf_kind(slot.leaf);
+    if (slot.instance == kNone && (kind == ShapeKind::triangle || kind == ShapeKind::sphere)) {
+      const u32 index = slot.leaf & kLeafIndexMask;
+      const bool flat = kind == ShapeKind::triangle;
+      const u32 id =
+          flat ? scene.triangles[index].id[slot.lane] : scene.spheres[index].id[slot.lane];
+      const ShapeRecord& shape = shape_of(scene, id);
+      const MaterialRecord& m = material_of(scene, shape, id);
+      const bool uv = m.uses_uv || (wants_uv & bit) != 0;
+      if (flat || !uv) {
+        v.id[k] = id;
+        v.shape[k] = &shape;
+        v.material[k] = &m;
+        v.color[k] = own_color(scene, id, nullptr);
+        v.inside_out[k] = shape.inside_out;
+        v.uv[k] = {0, 0};
+        v.uv_rate[k] = 0.0f;
+        if (flat) {
+          triangles.set(k, primitive(scene.triangles[index], slot.lane));
+          is_triangle[k] = 1, any_triangle = 1;
+        } else {
+          spheres.set(k, primitive(scene.spheres[index], slot.lane));
+          is_sphere[k] = 1, any_sphere = 1;
+        }
+        is_plain[k] = shape.normals == nullptr;
+        if (shape.normals) smooth |= bit;
+        if (uv) parametrised |= bit;
+        return;
+      }
+    }
+    v.set_surface(k, surface_at(scene, paths.ray(k), {paths.t[k], slot}, (wants_uv & bit) != 0));
+  });
+  if (any_triangle) find_points(triangles, is_triangle, paths, v);
+  if (any_sphere) find_points(spheres, is_sphere, paths, v);
+  face_outside(is_plain, v);
+  for_each_bit(smooth, [&](u32 k) {
+    Vec3 normal = v.normal.at(k), shading;
+    orient(*v.shape[k], v.id[k], v.parameter.at(k), normal, shading);
+    v.normal.set(k, normal);
+    v.shading.set(k, shading);
+  });
+  for_each_bit(parametrised, [&](u32 k) {
+    Surface s;
+    const SurfacePoint p = {v.point.at(k), v.normal.at(k), v.parameter.at(k), v.error[k]};
+    parametrise(*v.shape[k], triangles.at(k), v.id[k], p, s);
+    v.uv[k] = s.uv;
+    v.dpdu[k] = s.dpdu, v.dpdv[k] = s.dpdv;
+    v.uv_rate[k] = uv_rate(s.dpdu, s.dpdv);
+  });
+}
+
+PH_APART inline void travel(Paths& __restrict p, Vertices& __restrict v) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    p.width[k] += p.spread[k] * p.t[k];
+    p.travelled[k] += p.t[k];
+    v.front[k] = dot(p.direction.at(k), v.normal.at(k)) < 0.0f ? 1 : 0;
+  }
+}
+
+// What there is where a path has met a surface, and what it gives off.
+inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, u32 k,
+                 PathStats& stats) {
+  Paths& p = wave.paths;
+  Vertices& v = wave.vertices;
+  const MaterialRecord& own = *v.material[k];
+  const bool first = p.depth[k] == 1;
+  if (p.media[k].count != 0) {
+    Vec3 throughput = p.throughput.at(k);
+    absorb(scene, p.media[k], p.t[k], throughput);
+    p.throughput.set(k, throughput);
+  }
+  if (scene.has_holes) {
+    const Surface s = v.surface(k, p.slot[k]);
+    const float solid = opacity(scene, own, s, p.width[k]);
+    const u32 draw = bounce_draw(p.depth[k]) + kDrawOpacity + p.holes[k] * 0x10000u;
+    const bool hole = solid < 1.0f && !(draw1(p.samplers.at(k), draw) < solid);
+    if ((hole || own.clear) && p.holes[k] < kMaxHoles) {
+      if (!hole) {
+        add_emission(scene, view, s, p, k);
+        p.throughput.set(k, p.throughput.at(k) * tint(scene, own, s, p.width[k]));
+      }
+      p.set_ray(k, ray_from(s, p.direction.at(k)));
+      ++p.holes[k];
+      return Fate::passes;
+    }
+  }
+  if (wave.features && first) {
+    const Slot slot = p.slot[k];
+    Features& f = wave.features[k];
+    f.depth = p.travelled[k];
+    f.position = v.point.at(k);
+    f.normal = v.normal.at(k);
+    f.shading_normal = v.shading.at(k);
+    f.uv = v.uv[k];
+    f.shape = slot.instance == kNone ? static_cast<u32>(v.shape[k] - scene.shapes)
+                                     : scene.instances[slot.instance].shape;
+    f.material = static_cast<u32>(&own - scene.materials);
+  }
+  if (view.integrator == Integrator::ambient_occlusion) {
+    p.sum.set(k, ambient_occlusion(scene, view, v.surface(k, p.slot[k]), -p.direction.at(k),
+                                   p.samplers.at(k), stats));
+    return Fate::ends;
+  }
+  const bool front = v.front[k] != 0;
+  Vec3 shine = {0, 0, 0};
+  if (own.shines) shine = add_emission(scene, view, v.surface(k, p.slot[k]), p, k);
+  const MaterialRecord* m = !front && own.back != kNone ? &scene.materials[own.back] : &own;
+  if (m->blend_first != kNone) {
+    m = &chosen_material(scene, *m, v.surface(k, p.slot[k]), p.width[k], p.samplers.at(k),
+                         p.depth[k]);
+  }
+  if (wave.features && first) wave.features[k].emission = shine;
+  if (p.depth[k] >= view.max_depth) return Fate::ends;
+  if (!front && own.back == kNone) return Fate::ends;
+  v.record[k] = m;
+  v.block[k] = &m->block;
+  if (m->binding_count != 0) {
+    v.own[k] = parameters(scene, *m, v.surface(k, p.slot[k]), p.width[k]);
+    v.block[k] = &v.own[k];
+  }
+  if (has_color(v.color[k])) {
+    if (v.block[k] != &v.own[k]) v.own[k] = m->block;
+    v.block[k] = &v.own[k];
+    set_block_color(v.own[k], v.color[k]);
+  }
+  return Fate::scatters;
+}
+
+}  // namespace parhelion::PH_ISA

@@ -1,0 +1,38 @@
+// Sixteen paths that go in step, and who may look on.
+#pragma once
+#include "../path.h"
+
+namespace parhelion::PH_ISA {
+
+inline constexpr u32 kAllLanes = (1u << kBatch) - 1;
+
+// When a path may be looked at: after each of these.
+enum class Step : u32 { begins, leaves, meets, approaches, asks, receives, scatters };
+
+struct Wave {
+  u32 alive = 0;  // a bit for each path that goes on
+  Paths paths = {};
+  Vertices vertices = {};
+  Features* features = nullptr;  // by lane, if they are asked for
+
+  // Light that is direct has been found when the second ray ends.
+  PH_INLINE void note_direct(u32 k) {
+    if (features && paths.depth[k] <= 2) {
+      features[k].direct = paths.sum.at(k) - features[k].emission;
+    }
+  }
+};
+
+// Looks at nothing, and is nothing once it is compiled. lane: of the path; what it has met is there
+// from `meets` on, the light that it asks for from `asks` on. lit: whether the surface scatters any
+// of that.
+struct Unwatched {
+  PH_INLINE void operator()(Step, const Wave&, u32 /*lane*/, Fate, bool /*lit*/ = false) const {}
+};
+
+// 1 for each lane of a set of bits, else 0.
+PH_INLINE void spread(u32 lanes, u32 (&these)[kBatch]) {
+  for (u32 k = 0; k < kBatch; ++k) these[k] = lanes >> k & 1u;
+}
+
+}  // namespace parhelion::PH_ISA
