@@ -2,6 +2,7 @@
 // against scattering by multiple importance sampling (Veach 1997, chapter 9).
 #pragma once
 #include "media.h"
+#include "packet.h"
 #include "paths.h"
 
 namespace parhelion::PH_ISA {

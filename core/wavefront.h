@@ -75,7 +75,7 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
   begin(scene, view, batch, 1, wave, stats);
   watch(Step::begins, wave, 0, wave.alive != 0 ? Fate::passes : Fate::ends);
   while (wave.alive != 0) {
-    trace(scene, view, wave, stats, watch);
+    trace(scene, view, wave, false, stats, watch);
     if (wave.alive != 0) shade(scene, view, wave, stats, watch);
   }
   return wave.paths.sum.at(0);

@@ -75,7 +75,7 @@ void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u
     }
     begin_paths(scene, view, y, batch);
     begin(scene, view, batch, n, fresh, stats);
-    trace(scene, view, fresh, stats);
+    trace(scene, view, fresh, true, stats);
     finished.take(fresh, ((1u << n) - 1) & ~fresh.alive, fresh_at, row);
   };
   // Features are counted in the order of their samples: a batch of them ends before the next.
@@ -85,7 +85,7 @@ void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u
   };
   for (;;) {
     u32 before = wave.alive;
-    trace(scene, view, wave, stats);
+    trace(scene, view, wave, false, stats);
     finished.take(wave, before & ~wave.alive, at, row);
     while (wave.alive != kAllLanes) {
       if (fresh.alive == 0) {

@@ -104,15 +104,19 @@ inline void begin(const SceneView& scene, const RenderView& view, const CameraBa
   for_each_bit(passing, [&](u32 k) { wave.note_direct(k); });
 }
 
-// Traces the rays of a wave, and ends the paths that leave the scene.
+// Traces the rays of a wave, and ends the paths that leave the scene. close: rays from the camera,
+// which lie close together.
 template <class Watch = Unwatched>
-inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, PathStats& stats,
-                  const Watch& watch = {}) {
+inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, bool close,
+                  PathStats& stats, const Watch& watch = {}) {
   Paths& p = wave.paths;
   Hit hit[kBatch];
-  for_each_bit(wave.alive, [&](u32 k) {
-    intersect(scene, p.ray(k), kInfinity, view.tree, hit[k]);
-  });
+  if (close && view.tree) {
+    intersect_close(scene, p.origin, p.direction, wave.alive, hit);
+  } else {
+    for_each_bit(wave.alive,
+                 [&](u32 k) { intersect(scene, p.ray(k), kInfinity, view.tree, hit[k]); });
+  }
   u32 left = 0;
   for_each_bit(wave.alive, [&](u32 k) {
     ++stats.rays;
