@@ -7,7 +7,8 @@
 //   radiance(l, record, tables, d)        what a ray that leaves the scene in direction d sees
 //   pdf(l, record, tables, d)             density of sample, per steradian; 0 for delta lights,
 //   or seen(l, record, tables, d)         radiance and pdf, where they are cheaper together
-//   reach(l, record, tables)              of lights that are not outside: for the light tree
+//   seen(l, record, tables, lanes, d, s)  the same for some of sixteen directions, if that is
+//   faster reach(l, record, tables)              of lights that are not outside: for the light tree
 //   even = true                           if radiance has no branches and takes no tables, so that
 //                                         compilers turn it into vectors for sixteen directions
 // and, if it has an image, has_image = true; if it shines so evenly that scattering alone finds it

@@ -13,6 +13,7 @@
 #pragma once
 #include "distribution.h"
 #include "image.h"
+#include "rows.h"
 
 namespace parhelion::PH_ISA {
 
@@ -75,16 +76,27 @@ PH_INLINE LatLongCell latlong_cell(const ImageView& image, u32 x, u32 y, Vec2 pl
            {fetch(image, 0, x, lower).rgb, fetch(image, 0, right, lower).rgb}}};
 }
 
-PH_INLINE LatLongCell latlong_cell_at(const ImageView& image, Vec3 direction) {
+struct LatLongPlace {
+  int x, y;    // of a cell
+  Vec2 place;  // in it
+};
+
+// Without a branch.
+PH_INLINE LatLongPlace latlong_place(u32 width, u32 rows, Vec3 direction) {
   const Vec2 p = to_latlong(direction);
-  const u32 rows = latlong_rows(image);
-  float x = p.x * static_cast<float>(image.width) - 0.5f;
-  if (x < 0.0f) x += static_cast<float>(image.width);
-  const float y = p.y * static_cast<float>(rows);
-  const u32 column = static_cast<u32>(x), row = static_cast<u32>(y);
-  const u32 i = column < image.width ? column : image.width - 1, j = row < rows ? row : rows - 1;
-  return latlong_cell(image, i, j,
-                      {min(x - static_cast<float>(i), 1.0f), min(y - static_cast<float>(j), 1.0f)});
+  const float columns = static_cast<float>(static_cast<int>(width));
+  const float left = p.x * columns - 0.5f;
+  const float x = left < 0.0f ? left + columns : left;
+  const float y = p.y * static_cast<float>(static_cast<int>(rows));
+  const int column = static_cast<int>(x), row = static_cast<int>(y);
+  const int last_column = static_cast<int>(width) - 1, last_row = static_cast<int>(rows) - 1;
+  const int i = column < last_column ? column : last_column, j = row < last_row ? row : last_row;
+  return {i, j, {min(x - static_cast<float>(i), 1.0f), min(y - static_cast<float>(j), 1.0f)}};
+}
+
+PH_INLINE LatLongCell latlong_cell_at(const ImageView& image, Vec3 direction) {
+  const LatLongPlace p = latlong_place(image.width, latlong_rows(image), direction);
+  return latlong_cell(image, static_cast<u32>(p.x), static_cast<u32>(p.y), p.place);
 }
 
 PH_INLINE Vec3 latlong_color(const LatLongCell& c) {
@@ -212,6 +224,60 @@ struct PanoramaBatch {
     return {{direction[0][i], direction[1][i], direction[2][i]},
             {color[0][i], color[1][i], color[2][i]},
             pdf[i]};
+  }
+};
+
+// What an image by latitude and longitude has in some of many directions, in its own frame, and the
+// density of sampling it there.
+template <u32 kCount>
+struct PanoramaSights {
+  struct Corners {
+    Vec3 at[2][2];
+  };
+
+  Rows<Vec3, kCount> direction, color;
+  float pdf[kCount];
+  int x[kCount], y[kCount];
+  Rows<Vec2, kCount> place;
+  Rows<Corners, kCount> corners = {};
+  float probability[kCount] = {};
+
+  PH_INLINE void look(const ImageView& image, const Distribution& d, u32 lanes) {
+    find(image.width, latlong_rows(image));
+    // What memory is waited for is asked for all of them before any is looked at.
+    for_each_bit(lanes, [&](u32 k) {
+      const u32 i = static_cast<u32>(x[k]), j = static_cast<u32>(y[k]);
+      prefetch(image, 0, i, j);
+      prefetch(image, 0, i, lower_row(image, j));
+      compiler::prefetch(d.columns + row_of(d, j) + i);
+    });
+    for_each_bit(lanes, [&](u32 k) {
+      const u32 i = static_cast<u32>(x[k]), j = static_cast<u32>(y[k]);
+      const LatLongCell c = latlong_cell(image, i, j, {0.0f, 0.0f});
+      corners.set(k, Corners{{{c.corner[0][0], c.corner[0][1]}, {c.corner[1][0], c.corner[1][1]}}});
+      probability[k] = cell_probability(d, i, j);
+    });
+    shade(image.width, latlong_rows(image));
+  }
+
+ private:
+  PH_APART void find(u32 width, u32 rows) {
+    for (u32 k = 0; k < kCount; ++k) {
+      const LatLongPlace p = latlong_place(width, rows, direction.at(k));
+      x[k] = p.x, y[k] = p.y;
+      place.set(k, p.place);
+    }
+  }
+  PH_APART void shade(u32 width, u32 rows) {
+    for (u32 k = 0; k < kCount; ++k) {
+      const Corners c = corners.at(k);
+      const LatLongCell cell = {0,
+                                static_cast<u32>(y[k]),
+                                place.at(k),
+                                {{c.at[0][0], c.at[0][1]}, {c.at[1][0], c.at[1][1]}}};
+      color.set(k, latlong_color(cell));
+      pdf[k] = latlong_pdf(width, rows, cell, probability[k]);
+    }
   }
 };
 

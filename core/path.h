@@ -167,18 +167,21 @@ PH_INLINE Vec3 add_emission(const SceneView& scene, const RenderView& view, cons
 }
 
 // Adds what the path's ray, which leaves the scene, sees of a light from outside.
+PH_INLINE void add_outside(const SceneView& scene, const RenderView& view, u32 light,
+                           const LightSight& sight, Paths& paths, u32 k) {
+  if (black(sight.radiance)) return;
+  const float share = scene.outside_share * scene.lights[light].share;
+  add_light(view, paths, k, sight.radiance, light < scene.smooth_first ? share * sight.pdf : 0.0f);
+}
 PH_INLINE void add_outside(const SceneView& scene, const RenderView& view, u32 light, Paths& paths,
                            u32 k) {
   const LightRecord& record = scene.lights[light];
   const Vec3 direction = paths.direction.at(k);
-  if (paths.scatter_pdf[k] > 0.0f && light < scene.smooth_first) {
-    const LightSight s = light_seen(record, scene.tables, direction);
-    if (black(s.radiance)) return;
-    add_light(view, paths, k, s.radiance, scene.outside_share * record.share * s.pdf);
-  } else {
-    const Vec3 shine = light_radiance(record, scene.tables, direction);
-    if (!black(shine)) add_light(view, paths, k, shine, 0.0f);
-  }
+  const bool weighed = paths.scatter_pdf[k] > 0.0f && light < scene.smooth_first;
+  const LightSight sight = weighed
+                               ? light_seen(record, scene.tables, direction)
+                               : LightSight{light_radiance(record, scene.tables, direction), 0.0f};
+  add_outside(scene, view, light, sight, paths, k);
 }
 
 // How open the surroundings of the first surface are.

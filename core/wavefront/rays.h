@@ -41,6 +41,15 @@ inline void add_backgrounds(const SceneView& scene, const RenderView& view, u32 
           return;
         }
       }
+      if constexpr (requires(Rows<LightSight, kBatch>& sights) {
+                      seen(light, record, scene.tables, lanes, p.direction, sights);
+                    }) {
+        Rows<LightSight, kBatch> sights;
+        if (seen(light, record, scene.tables, lanes, p.direction, sights)) {
+          for_each_bit(lanes, [&](u32 k) { add_outside(scene, view, i, sights.at(k), p, k); });
+          return;
+        }
+      }
       for_each_bit(lanes, [&](u32 k) { add_outside(scene, view, i, p, k); });
     });
   }
