@@ -66,7 +66,9 @@ PH_INLINE bool test_block(const Block& block, Child leaf, const Ray& ray, Neares
       const u32 lane = lowest_bit(hits);
       hits &= hits - 1;
       const u32 id = block.id[lane];
-      if (t[lane] < best.hit.t || (t[lane] == best.hit.t && id < best.id)) {
+      // Of one seen through an instance at the same distance, this one counts.
+      if (t[lane] < best.hit.t ||
+          (t[lane] == best.hit.t && (best.hit.slot.instance != kNone || id < best.id))) {
         best = {{t[lane], {leaf, lane, kNone}}, id, kNoSlot};
       }
     }
@@ -85,7 +87,9 @@ inline bool test_instance(const SceneView& scene, u32 index, const Ray& ray, boo
                           NearestHit& best) {
   const Instance& instance = scene.instances[index];
   const GroupRay local = into_group(instance, index, ray);
-  const float limit = best.hit.t * local.stretch - local.skipped;
+  // What lies at just the distance of the best must be found: which of them counts is said below.
+  float limit = best.hit.t * local.stretch - local.skipped;
+  if constexpr (!kAny) limit *= kSlabSlack;
   if (!(limit > 0.0f)) return false;
   NearestHit inside = {{limit, kNoSlot}, kNone, kNoSlot};
   if (kAny && best.ignore.instance == index) {

@@ -488,7 +488,7 @@ void Scene::write_groups(std::vector<BuiltGroup>& built) {
     nodes += group.tree->builder.node_count();
     for (size_t k = 0; k < 8; ++k) blocks[k] += group.tree->builder.block_count()[k];
   }
-  if (nodes > kLeafBit || *std::max_element(blocks.begin(), blocks.end()) > kLeafIndexMask) {
+  if (nodes > kLeafIndexMask || *std::max_element(blocks.begin(), blocks.end()) > kLeafIndexMask) {
     throw SceneError("the scene has too many primitives for its tree");
   }
   u64 kept = nodes * sizeof(Node), planned = 0;
