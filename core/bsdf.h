@@ -9,16 +9,15 @@
 //   pdf(m, wo, wi)          density of sample, per steradian
 //   sample(m, wo, u, out)   false where the path ends
 //   lobe_draws              how many of `lobe` and `lobe2` sample takes, if any
-//   transmits = true        if light can pass: it is then asked for either side of the surface,
-//   else
-//                           only for wo above it, whichever side is seen
+//   transmits = true        if light can pass: it is then asked for on both sides of the surface,
+//                           else only for wo above it, whichever side is seen
 //   evaluate(m, wo, wi)     eval and pdf, as `value` and `pdf`, if they are cheaper together
 //   albedo(m)               for features, if the colour is not good enough
 //   emitted(m)              radiance, only if it shines
 //   Plain                   if most surfaces of its kind need but few of its parameters: these.
-//                           Where is_plain(m), m is whole(plain(m)), and sample and evaluate of
-//                           whole(p) have no branches that p decides: compilers turn them into
-//                           vectors for sixteen paths at once
+//                           Where is_plain(m), sample and evaluate say the same of whole(plain(m))
+//                           as of m, without branches, once a compiler knows the parameters that
+//                           Plain lacks: they become vectors for sixteen paths at once
 #pragma once
 #include "entry.h"
 #include "random.h"

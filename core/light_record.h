@@ -7,12 +7,11 @@
 //   radiance(l, record, tables, d)        what a ray that leaves the scene in direction d sees
 //   pdf(l, record, tables, d)             density of sample, per steradian; 0 for delta lights,
 //   or seen(l, record, tables, d)         radiance and pdf, where they are cheaper together
-//   seen(l, record, tables, lanes, d, s)  the same for some of sixteen directions, if that is
-//   faster reach(l, record, tables)              of lights that are not outside: for the light tree
-//   even = true                           if radiance has no branches and takes no tables, so that
-//                                         compilers turn it into vectors for sixteen directions
+//   or seen(l, record, tables, lanes, d, s)   and that for some of sixteen directions, or false
+//   reach(l, record, tables)              of lights that are not outside: for the light tree
 // and, if it has an image, has_image = true; if it shines so evenly that scattering alone finds it
-// with less noise than asking for it would, smooth = true.
+// with less noise than asking for it would, smooth = true; and if, smooth, its radiance has no
+// branches and takes no tables, branchless = true: sixteen directions are then looked at at once.
 //
 // Directions lead from the point to the light, in the scene's frame. What depends on a frame of its
 // own, such as the rows of an environment's image, is turned by the record's rotation.

@@ -22,8 +22,8 @@ PH_INLINE bool bounds_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBat
   Vec3 least = direction.at(first), most = least;
   for_each_bit(lanes, [&](u32 k) {
     const Vec3 o = origin.at(k), d = direction.at(k);
-    b.low = min(b.low, o), b.high = max(b.high, o);
-    least = min(least, d), most = max(most, d);
+    b.low = min(o, b.low), b.high = max(o, b.high);  // in this order NaN is passed over
+    least = min(d, least), most = max(d, most);
   });
   // Rounding keeps the order of numbers, so that bounds of the inverses are inverses of bounds.
   b.inverse_low = {1.0f / most.x, 1.0f / most.y, 1.0f / most.z};
@@ -35,7 +35,8 @@ PH_INLINE bool bounds_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBat
 }
 
 // Bit i: some ray may meet child i's box before `limit`, at near[i] at the earliest.
-PH_INLINE u32 test_boxes(const Node& node, const RayBounds& rays, float limit, float* near) {
+PH_INLINE u32 test_boxes_for_any(const Node& node, const RayBounds& rays, float limit,
+                                 float* near) {
   Lanes first = all(0.0f), last = all(limit);
   const auto slab = [&](u32 axis, float low, float high, float inverse_low, float inverse_high) {
     const Lanes entry = load(rays.sign[axis] ? node.high[axis] : node.low[axis]);
@@ -61,7 +62,8 @@ struct Packet {
 };
 
 // Bit k: ray k meets the box of a node's child before its own limit.
-PH_INLINE u32 test_box(const Node& node, u32 child, const Packet& rays, const RayBounds& bounds) {
+PH_INLINE u32 test_box_for_each(const Node& node, u32 child, const Packet& rays,
+                                const RayBounds& bounds) {
   Lanes first = all(0.0f), last = load(rays.limit);
   for (u32 axis = 0; axis < 3; ++axis) {
     const float low = node.low[axis][child], high = node.high[axis][child];
@@ -73,9 +75,10 @@ PH_INLINE u32 test_box(const Node& node, u32 child, const Packet& rays, const Ra
 }
 
 // From an inner node on.
-inline void walk_tree(const SceneView& scene, Child root, u32 lanes, const RayBounds& bounds,
-                      Packet& rays) {
-  // Of the lane of a child in its node and, in the upper half, the bits of its distance.
+inline void walk_together(const SceneView& scene, Child root, u32 lanes, const RayBounds& bounds,
+                          Packet& rays) {
+  // An entry is a node's index times sixteen and the child's lane there, since the child's box is
+  // looked at once more, and in the upper half the bits of its distance.
   u64 stack[15 * kMaxTreeDepth + 1];
   u64* top = stack;
   Child inner = root;
@@ -83,7 +86,7 @@ inline void walk_tree(const SceneView& scene, Child root, u32 lanes, const RayBo
   for (;;) {
     alignas(64) float near[16];
     u64* const start = top;
-    for_each_bit(test_boxes(scene.nodes[inner], bounds, limit, near), [&](u32 lane) {
+    for_each_bit(test_boxes_for_any(scene.nodes[inner], bounds, limit, near), [&](u32 lane) {
       // Insertion sort on top of the stack, farthest first.
       const u64 e = static_cast<u64>(__builtin_bit_cast(u32, near[lane])) << 32 | inner << 4 | lane;
       u64* place = top++;
@@ -101,7 +104,7 @@ inline void walk_tree(const SceneView& scene, Child root, u32 lanes, const RayBo
         inner = child;
         break;
       }
-      for_each_bit(test_box(node, lane, rays, bounds) & lanes, [&](u32 k) {
+      for_each_bit(test_box_for_each(node, lane, rays, bounds) & lanes, [&](u32 k) {
         test_leaf<false, false>(scene, child, rays.ray[k], rays.best[k]);
         rays.limit[k] = rays.best[k].hit.t;
       });
@@ -135,7 +138,7 @@ inline void intersect_close(const SceneView& scene, const Rows<Vec3, kBatch>& or
     rays.limit[k] = kInfinity;
     rays.best[k] = {{kInfinity, kNoSlot}, kNone, kNoSlot};
   });
-  walk_tree(scene, scene.root, lanes, bounds, rays);
+  walk_together(scene, scene.root, lanes, bounds, rays);
   for_each_bit(lanes, [&](u32 k) { hit[k] = rays.best[k].hit; });
 }
 

@@ -81,14 +81,15 @@ struct LatLongPlace {
   Vec2 place;  // in it
 };
 
-// Without a branch.
+// Without a branch, and by signed numbers, to and from which vectors have conversions. NaN is taken
+// for 0.
 PH_INLINE LatLongPlace latlong_place(u32 width, u32 rows, Vec3 direction) {
   const Vec2 p = to_latlong(direction);
   const float columns = static_cast<float>(static_cast<int>(width));
   const float left = p.x * columns - 0.5f;
   const float x = left < 0.0f ? left + columns : left;
   const float y = p.y * static_cast<float>(static_cast<int>(rows));
-  const int column = static_cast<int>(x), row = static_cast<int>(y);
+  const int column = static_cast<int>(max(x, 0.0f)), row = static_cast<int>(max(y, 0.0f));
   const int last_column = static_cast<int>(width) - 1, last_row = static_cast<int>(rows) - 1;
   const int i = column < last_column ? column : last_column, j = row < last_row ? row : last_row;
   return {i, j, {min(x - static_cast<float>(i), 1.0f), min(y - static_cast<float>(j), 1.0f)}};

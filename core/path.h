@@ -1,8 +1,8 @@
-// The path tracer: the steps of one path, with direct light sampled at every bounce and weighed
-// against scattering by multiple importance sampling (Veach 1997, chapter 9).
+// The path tracer: what the steps of a bounce are made of, for one path at a time. Direct light is
+// sampled at every bounce and weighed against scattering by multiple importance sampling (Veach
+// 1997, chapter 9).
 #pragma once
 #include "media.h"
-#include "packet.h"
 #include "paths.h"
 
 namespace parhelion::PH_ISA {
@@ -94,7 +94,7 @@ PH_INLINE Vec3 bent_normal(Vec3 n, Vec3 normal, Vec3 wo) {
   return select(height < least, normalize(wo + lifted) * side, n);
 }
 
-// Where light asked for by an opaque surface comes from: the side that it is seen from.
+// Whether light can pass; a surface that is opaque asks for light on the side that it is seen from.
 template <class Material>
 inline constexpr bool kTransmits = requires { Material::transmits; };
 

@@ -1,6 +1,6 @@
 // Sixteen paths side by side, and where they have met surfaces: by component, so that loops over
-// all of them become vectors. Lane k is the path with that number; what lanes hold whose path has
-// ended means nothing.
+// all of them become vectors. What a lane holds whose path has ended means nothing, but loops go on
+// computing with it: it is set from the start, and nothing is looked up by it.
 #pragma once
 #include "emitter.h"
 

@@ -15,10 +15,9 @@ namespace parhelion::PH_ISA {
 
 // Takes paths that have met a surface each through it, or ends them.
 template <class Watch = Unwatched>
-inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, PathStats& stats,
-                  const Watch& watch = {}) {
+inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Vertices& v,
+                  PathStats& stats, const Watch& watch = {}) {
   Paths& p = wave.paths;
-  Vertices& v = wave.vertices;
   u32 first = 0, meeting = 0;
   if (wave.features) {
     for_each_bit(wave.alive, [&](u32 k) { first |= (p.depth[k] == 1 ? 1u : 0u) << k; });
@@ -26,39 +25,36 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Pa
   find_surfaces(scene, p, wave.alive, first, v);
   travel(p, v);
   for_each_bit(wave.alive, [&](u32 k) {
-    const Fate fate = meet(scene, view, wave, k, stats);
-    watch(Step::meets, wave, k, fate);
+    const Fate fate = meet(scene, view, wave, v, k, stats);
+    watch(Step::meets, wave, &v, k, fate);
     wave.note_direct(k);
     if (fate == Fate::scatters) meeting |= 1u << k;
     if (fate == Fate::ends) wave.alive &= ~(1u << k);
   });
   Kinds kinds;
   u32 asking = 0;
-  const u32 scattering = approach(scene, wave, meeting, kinds, asking, watch);
+  const u32 scattering = approach(scene, wave, v, meeting, kinds, asking, watch);
   if (scattering == 0) return;
   BounceDraws draws = {};
   draw_bounces(p, kinds, asks_for_light(scene), draws);
   if (asks_for_light(scene)) {
-    u32 lit = ask(scene, asking, draws, v), transmitting = 0;
+    u32 lit = ask(scene, asking, draws, v);
     const u32 asked = lit;
     if (lit != 0) lit = weigh(p, kinds, lit, v);
-    for_each_kind(kinds, [&]<class Material>(u32 own) {
-      if (kTransmits<Material>) transmitting |= own;
-    });
     for_each_bit(scattering, [&](u32 k) {
       if ((asked >> k & 1u) != 0) {
-        watch(Step::asks, wave, k, Fate::scatters, (lit >> k & 1u) != 0);
+        watch(Step::asks, wave, &v, k, Fate::scatters, (lit >> k & 1u) != 0);
       }
       if ((lit >> k & 1u) != 0) {
-        receive(scene, view, (transmitting >> k & 1u) != 0, k, p, v, stats);
+        receive(scene, view, (kinds.transmitting >> k & 1u) != 0, k, p, v, stats);
       }
-      watch(Step::receives, wave, k, Fate::scatters);
+      watch(Step::receives, wave, &v, k, Fate::scatters);
       if (p.depth[k] == 1) wave.note_direct(k);
     });
   }
-  const u32 on = scatter(scene, view, kinds, scattering, draws, wave);
+  const u32 on = scatter(scene, view, kinds, scattering, draws, v, p);
   for_each_bit(scattering, [&](u32 k) {
-    watch(Step::scatters, wave, k, (on >> k & 1u) != 0 ? Fate::passes : Fate::ends);
+    watch(Step::scatters, wave, &v, k, (on >> k & 1u) != 0 ? Fate::passes : Fate::ends);
   });
   wave.alive &= ~(scattering & ~on);
 }
@@ -72,11 +68,12 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
   batch.sample[0] = sample;
   begin_paths(scene, view, y, batch);
   Wave wave;
+  Vertices vertices = {};
   begin(scene, view, batch, 1, wave, stats);
-  watch(Step::begins, wave, 0, wave.alive != 0 ? Fate::passes : Fate::ends);
+  watch(Step::begins, wave, nullptr, 0, wave.alive != 0 ? Fate::passes : Fate::ends);
   while (wave.alive != 0) {
     trace(scene, view, wave, false, stats, watch);
-    if (wave.alive != 0) shade(scene, view, wave, stats, watch);
+    if (wave.alive != 0) shade(scene, view, wave, vertices, stats, watch);
   }
   return wave.paths.sum.at(0);
 }

@@ -58,8 +58,9 @@ void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u
   // New camera rays are traced by themselves, since those of one pixel lie close together, before
   // their paths take the places of those that have ended.
   Wave wave, fresh;
-  u32 at[kBatch], fresh_at[kBatch], number[kBatch], n = 0;
-  Features seen[kBatch];
+  Vertices vertices = {};
+  u32 at[kBatch], fresh_at[kBatch] = {}, number[kBatch], n = 0;
+  Features seen[kBatch];  // of both: with features the one is empty when it takes all of the other
   if (features) wave.features = fresh.features = seen;
   Finished finished;
   u32 x = first < last ? x0 : x1, sample = first;
@@ -107,7 +108,7 @@ void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u
     }
     if (wave.alive == 0) break;
     before = wave.alive;
-    shade(scene, view, wave, stats);
+    shade(scene, view, wave, vertices, stats);
     finished.take(wave, before & ~wave.alive, at, row);
   }
   finished.add_to(row);

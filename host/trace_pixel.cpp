@@ -15,7 +15,7 @@ class Recorder {
   Recorder(const SceneView& scene, const RenderView& view, TracedPath& path)
       : scene_(scene), view_(view), out_(path) {}
 
-  void look(Step step, const Paths& path, const Vertices& v, Fate fate, bool lit) {
+  void look(Step step, const Paths& path, const Vertices* v, Fate fate, bool lit) {
     const Vec3 direction = path.direction.at(0);
     switch (step) {
       case Step::begins:
@@ -27,13 +27,13 @@ class Recorder {
         take(path, out_.background);
         out_.end = PathEnd::leaves;
         break;
-      case Step::meets: met(path, v, fate); break;
-      case Step::approaches: approached(path, v, fate); break;
-      case Step::asks: asked(v, lit); break;
+      case Step::meets: met(path, *v, fate); break;
+      case Step::approaches: approached(path, *v, fate); break;
+      case Step::asks: asked(*v, lit); break;
       case Step::receives:
         if (last().lit) take(path, last().light.added);
         break;
-      case Step::scatters: scattered(path, v, fate); break;
+      case Step::scatters: scattered(path, *v, fate); break;
     }
     incoming_ = direction;
   }
@@ -166,8 +166,9 @@ TracedPath trace_pixel(const Scene& scene, const RenderView& view, u32 x, u32 y,
   TracedPath path{};
   Recorder recorder(scene.view(), view, path);
   PathStats stats = {0};
-  const auto watch = [&](Step step, const Wave& wave, u32 /*lane*/, Fate fate, bool lit = false) {
-    recorder.look(step, wave.paths, wave.vertices, fate, lit);
+  const auto watch = [&](Step step, const Wave& wave, const Vertices* vertices, u32 /*lane*/,
+                         Fate fate, bool lit = false) {
+    recorder.look(step, wave.paths, vertices, fate, lit);
   };
   CameraBatch<1> batch = {};
   batch.x[0] = x, batch.sample[0] = sample;

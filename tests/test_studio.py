@@ -302,6 +302,8 @@ def test_backdrop_is_seen_and_lights_nothing() -> None:
         corner, middle = (slice(0, 4), slice(0, 4)), (slice(12, 20), slice(12, 20))
         np.testing.assert_array_equal(red[corner], np.broadcast_to([0.5, 0, 0], (4, 4, 3)))
         np.testing.assert_array_equal(red[middle], plain[middle])
+    hidden = ph.render(prepared, integrator="ao", width=32, height=32, spp=4, backdrop=(0.5, 0, 0))
+    np.testing.assert_array_equal(hidden.numpy()[corner], red[corner])
     with pytest.raises(ph.SceneError, match=r"backdrop is 'red'; must be three numbers >= 0"):
         ph.render(prepared, backdrop="red")
     with pytest.raises(ph.SceneError, match=r"backdrop is \(1, 0, -1\)"):

@@ -7,7 +7,7 @@ namespace parhelion::PH_ISA {
 struct Constant {
   Vec3 color;
 
-  static constexpr bool outside = true, smooth = true, even = true;
+  static constexpr bool outside = true, smooth = true, branchless = true;
   static constexpr const char* doc = "the same radiance from every direction";
   static constexpr ParamInfo params[] = {
       {"radiance", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1e12f, "linear RGB"},

@@ -8,7 +8,7 @@ namespace parhelion::PH_ISA {
 struct Gradient {
   Vec3 horizon, zenith, up;
 
-  static constexpr bool outside = true, smooth = true, even = true;
+  static constexpr bool outside = true, smooth = true, branchless = true;
   static constexpr const char* doc = "sky that goes from `horizon`, below, to `zenith`, above";
   static constexpr ParamInfo params[] = {
       {"horizon", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1e12f, "radiance from straight below, linear RGB"},

@@ -50,7 +50,8 @@ PH_INLINE Dielectric whole(const PlainDielectric& m) {
   return {m.color, m.ior, 0.0f, 0.0f, 0.0f, 0.0f, m.reflectance, m.transmittance, 0.0f};
 }
 
-// Refraction narrows a lobe by the contrast of the indices.
+// Refraction narrows a lobe by the contrast of the indices. That roughness 0 is smooth is said
+// apart for compilers, which know it of the plain form.
 PH_INLINE bool smooth(const Dielectric& m, const Microfacets& d) {
   return m.roughness == 0.0f ||
          max(d.alpha_u, d.alpha_v) * min(1.0f, abs(m.ior - 1.0f)) <= kSmoothAlpha;

@@ -7,7 +7,7 @@ namespace parhelion::PH_ISA {
 // The paths, a bit for each, at surfaces of each type of material; and which of them are plain.
 struct Kinds {
   u32 lanes[kMaterialKinds] = {};
-  u32 plain = 0;
+  u32 plain = 0, transmitting = 0;
 };
 
 // Calls f.operator()<Material>(lanes) for each type that there is.
@@ -23,10 +23,8 @@ PH_INLINE void for_each_kind(const Kinds& kinds, F&& f) {
 
 // A path's material, whose parameters may depend on what the path is inside of: sets its block.
 template <class Material>
-PH_INLINE Fate enter_material(const SceneView& scene, Wave& wave, u32 k) {
+PH_INLINE Fate enter_material(const SceneView& scene, Paths& p, Vertices& v, u32 k) {
   if constexpr (kTransmits<Material>) {
-    Paths& p = wave.paths;
-    Vertices& v = wave.vertices;
     const MaterialRecord& record = *v.record[k];
     Material material = from_block<Material>(*v.block[k]);
     bool changed = record.priority != 0;
@@ -75,13 +73,12 @@ PH_APART inline void find_frames(const Rows<Vec3, kBatch>& __restrict n,
 // From which side of the surface, and with which parameters and frame, paths see their materials.
 // Returns the lanes of those that scatter; asking: of those of them that ask for light.
 template <class Watch>
-inline u32 approach(const SceneView& scene, Wave& wave, u32 lanes, Kinds& kinds, u32& asking,
-                    const Watch& watch) {
+inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, Kinds& kinds,
+                    u32& asking, const Watch& watch) {
   Paths& p = wave.paths;
-  Vertices& v = wave.vertices;
   Rows<Vec3, kBatch> n = v.shading;
   Vec3 along[kBatch];
-  u32 opaque[kBatch] = {}, turned = 0, scattering = 0;
+  u32 opaque[kBatch], turned = 0, scattering = 0;
   for_each_bit(lanes, [&](u32 k) {
     kinds.lanes[v.block[k]->kind] |= 1u << k;
     if (!v.record[k]->uses_uv) return;
@@ -92,8 +89,9 @@ inline u32 approach(const SceneView& scene, Wave& wave, u32 lanes, Kinds& kinds,
     turned |= 1u << k;
   });
   for_each_kind(kinds, [&]<class Material>(u32 own) {
-    for_each_bit(own, [&](u32 k) { opaque[k] = !kTransmits<Material>; });
+    if (kTransmits<Material>) kinds.transmitting |= own;
   });
+  spread(~kinds.transmitting, opaque);
   find_frames(n, opaque, p, v);
   for_each_bit(turned, [&](u32 k) {
     const float side = opaque[k] != 0 && v.front[k] == 0 ? -1.0f : 1.0f;
@@ -108,8 +106,8 @@ inline u32 approach(const SceneView& scene, Wave& wave, u32 lanes, Kinds& kinds,
         wave.features[k].albedo = albedo_of(from_block<Material>(*v.block[k]));
         wave.features[k].shading_normal = v.frame.at(k).z * (behind ? -1.0f : 1.0f);
       }
-      const Fate fate = enter_material<Material>(scene, wave, k);
-      watch(Step::approaches, wave, k, fate);
+      const Fate fate = enter_material<Material>(scene, p, v, k);
+      watch(Step::approaches, wave, &v, k, fate);
       if (fate == Fate::ends) wave.alive &= ~(1u << k);
       if (fate != Fate::scatters) return;
       scattering |= 1u << k;

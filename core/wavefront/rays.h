@@ -1,14 +1,15 @@
 // Rays: how paths begin, what their rays meet, and what those see that leave the scene.
 #pragma once
+#include "../packet.h"
 #include "wave.h"
 
 namespace parhelion::PH_ISA {
 
 // Adds what rays see of a light from outside that is not asked for.
 template <class Light>
-PH_APART inline void add_even(const Light& __restrict light, const LightRecord& __restrict record,
-                              const LightTables& tables, const u32 (&__restrict these)[kBatch],
-                              float most_indirect, Paths& __restrict p) {
+PH_APART inline void add_smooth(const Light& __restrict light, const LightRecord& __restrict record,
+                                const LightTables& tables, const u32 (&__restrict these)[kBatch],
+                                float most_indirect, Paths& __restrict p) {
   for (u32 k = 0; k < kBatch; ++k) {
     const Vec3 sum = p.sum.at(k);
     const Vec3 shine = radiance(light, record, tables, p.direction.at(k));
@@ -19,10 +20,6 @@ PH_APART inline void add_even(const Light& __restrict light, const LightRecord& 
 
 // Adds what the rays see that meet nothing.
 inline void add_backgrounds(const SceneView& scene, const RenderView& view, u32 lanes, Paths& p) {
-  if (view.integrator == Integrator::ambient_occlusion) {
-    for_each_bit(lanes, [&](u32 k) { p.sum.set(k, Vec3{1, 1, 1}); });
-    return;
-  }
   if (view.backdrop.x == view.backdrop.x) {
     for_each_bit(lanes, [&](u32 k) {
       if (p.depth[k] > 1) return;
@@ -30,16 +27,19 @@ inline void add_backgrounds(const SceneView& scene, const RenderView& view, u32 
       lanes &= ~(1u << k);
     });
   }
+  if (view.integrator == Integrator::ambient_occlusion) {
+    for_each_bit(lanes, [&](u32 k) { p.sum.set(k, Vec3{1, 1, 1}); });
+    return;
+  }
   u32 these[kBatch];
   spread(lanes, these);
   for (u32 i = scene.outside_first; lanes != 0 && i < scene.light_count; ++i) {
     const LightRecord& record = scene.lights[i];
     with_light(record.block, [&]<class Light>(const Light& light) {
-      if constexpr (requires { Light::even; }) {
-        if (i >= scene.smooth_first) {
-          add_even(light, record, scene.tables, these, view.clamp_indirect, p);
-          return;
-        }
+      if constexpr (requires { Light::branchless; }) {
+        static_assert(Light::smooth);  // so there is no density to weigh it by
+        add_smooth(light, record, scene.tables, these, view.clamp_indirect, p);
+        return;
       }
       if constexpr (requires(Rows<LightSight, kBatch>& sights) {
                       seen(light, record, scene.tables, lanes, p.direction, sights);
@@ -135,13 +135,14 @@ inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, bo
   });
   if (left != 0) add_backgrounds(scene, view, left, p);
   for_each_bit(left, [&](u32 k) {
-    watch(Step::leaves, wave, k, Fate::ends);
+    watch(Step::leaves, wave, nullptr, k, Fate::ends);
     wave.note_direct(k);
   });
   wave.alive &= ~left;
 }
 
-// Takes the path that another wave has at a lane.
+// Takes the path that another wave has at a lane, whose first ray has been traced: there is no
+// receiver yet. Features stay behind.
 PH_INLINE void take(const Wave& from, u32 lane, Wave& wave, u32 k) {
   const Paths& a = from.paths;
   Paths& p = wave.paths;

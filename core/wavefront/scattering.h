@@ -83,13 +83,9 @@ PH_APART inline void send_on(const u32 (&__restrict these)[kBatch], const Sample
 
 // Scatters the paths of `lanes`; returns those that go on.
 inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& kinds, u32 lanes,
-                   const BounceDraws& draws, Wave& wave) {
-  Paths& p = wave.paths;
-  Vertices& v = wave.vertices;
+                   const BounceDraws& draws, const Vertices& v, Paths& p) {
   Sampled next = {};
-  u32 transmitting = 0;
   for_each_kind(kinds, [&]<class Material>(u32 own) {
-    if (kTransmits<Material>) transmitting |= own;
     if constexpr (requires { typename Material::Plain; }) {
       if ((own & kinds.plain) != 0) {
         u32 these[kBatch];
@@ -113,7 +109,7 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
     on |= goes[k] << k;
     p.self[k] = p.slot[k];
   });
-  for_each_bit(transmitting & on, [&](u32 k) {
+  for_each_bit(kinds.transmitting & on, [&](u32 k) {
     if (next.wi.at(k).z * v.local_wo.at(k).z < 0.0f) {
       cross_boundary(scene, p.media[k], *v.record[k], v.front[k] != 0);
     }

@@ -37,7 +37,7 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
                           Vertices& v) {
   Rows<Triangle, kBatch> triangles = {};
   Rows<Sphere, kBatch> spheres = {};
-  u32 is_triangle[kBatch] = {}, is_sphere[kBatch] = {}, is_plain[kBatch] = {};
+  u32 is_triangle[kBatch] = {}, is_sphere[kBatch] = {}, is_bare[kBatch] = {};
   u32 any_triangle = 0, any_sphere = 0, smooth = 0, parametrised = 0;
   for_each_bit(lanes, [&](u32 k) {
     const Slot slot = paths.slot[k];
@@ -58,6 +58,7 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
         v.color[k] = own_color(scene, id, nullptr);
         v.inside_out[k] = shape.inside_out;
         v.uv[k] = {0, 0};
+        v.dpdu[k] = v.dpdv[k] = {0, 0, 0};
         v.uv_rate[k] = 0.0f;
         if (flat) {
           triangles.set(k, primitive(scene.triangles[index], slot.lane));
@@ -66,7 +67,7 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
           spheres.set(k, primitive(scene.spheres[index], slot.lane));
           is_sphere[k] = 1, any_sphere = 1;
         }
-        is_plain[k] = shape.normals == nullptr;
+        is_bare[k] = shape.normals == nullptr;
         if (shape.normals) smooth |= bit;
         if (uv) parametrised |= bit;
         return;
@@ -76,7 +77,7 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
   });
   if (any_triangle) find_points(triangles, is_triangle, paths, v);
   if (any_sphere) find_points(spheres, is_sphere, paths, v);
-  face_outside(is_plain, v);
+  face_outside(is_bare, v);
   for_each_bit(smooth, [&](u32 k) {
     Vec3 normal = v.normal.at(k), shading;
     orient(*v.shape[k], v.id[k], v.parameter.at(k), normal, shading);
@@ -102,10 +103,9 @@ PH_APART inline void travel(Paths& __restrict p, Vertices& __restrict v) {
 }
 
 // What there is where a path has met a surface, and what it gives off.
-inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, u32 k,
+inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Vertices& v, u32 k,
                  PathStats& stats) {
   Paths& p = wave.paths;
-  Vertices& v = wave.vertices;
   const MaterialRecord& own = *v.material[k];
   const bool first = p.depth[k] == 1;
   if (p.media[k].count != 0) {

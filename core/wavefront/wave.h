@@ -12,7 +12,6 @@ enum class Step : u32 { begins, leaves, meets, approaches, asks, receives, scatt
 struct Wave {
   u32 alive = 0;  // a bit for each path that goes on
   Paths paths = {};
-  Vertices vertices = {};
   Features* features = nullptr;  // by lane, if they are asked for
 
   // Light that is direct has been found when the second ray ends.
@@ -23,11 +22,12 @@ struct Wave {
   }
 };
 
-// Looks at nothing, and is nothing once it is compiled. lane: of the path; what it has met is there
-// from `meets` on, the light that it asks for from `asks` on. lit: whether the surface scatters any
-// of that.
+// Looks at nothing, and is nothing once it is compiled. vertices: what paths have met, null before
+// `meets`; the light that is asked for is there from `asks` on. lit: whether the surface scatters
+// any of that.
 struct Unwatched {
-  PH_INLINE void operator()(Step, const Wave&, u32 /*lane*/, Fate, bool /*lit*/ = false) const {}
+  PH_INLINE void operator()(Step, const Wave&, const Vertices*, u32 /*lane*/, Fate,
+                            bool /*lit*/ = false) const {}
 };
 
 // 1 for each lane of a set of bits, else 0.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstddef>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -13,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "../../core/wavefront.h"
 #include "../../host/errors.h"
 #include "../../host/kernels.h"
 #include "../../host/render.h"
@@ -259,6 +261,78 @@ void rays_meet_the_same_through_the_tree_and_without() {
       }
     }
   }
+}
+
+// As those of a camera do: some lanes of sixteen, from one point or many, at angles from none to
+// such that signs differ, along axes too.
+void rays_that_lie_close_meet_what_each_meets() {
+  using namespace baseline;
+  for (size_t n : {1, 17, 300, 20000}) {
+    const Cloud cloud(n);
+    const Scene scene(input_of({cloud.group()}, Cloud::materials()));
+    const float scale = static_cast<float>(scene.scale());
+    int bounded = 0, met = 0;
+    for (u32 i = 0; i < 400; ++i) {
+      const auto s = make_sampler(SamplerKind::independent, 1, 2, i, 5);
+      const float spread = i % 4 == 0 ? 0.0f : i % 4 == 1 ? 1e-4f : i % 4 == 2 ? 0.05f : 1.5f;
+      const u32 lanes = i % 3 == 0 ? 0xffffu : reverse_bits(i * 0x9e3779b9u) >> 16 | 1u;
+      const Vec2 a = draw2(s, 0), b = draw2(s, 1);
+      const Vec3 middle =
+          i % 7 == 0 ? Vec3{0, i % 2 ? -1.0f : 1.0f, 0} : uniform_sphere(draw2(s, 2));
+      Rows<Vec3, kBatch> origin, direction;
+      for (u32 k = 0; k < kBatch; ++k) {
+        const Vec3 way = uniform_sphere(draw2(s, 3 + k));
+        origin.set(k, Vec3{a.x, a.y, b.x} * scale + way * (i % 5 == 0 ? 0.1f * scale : 0.0f));
+        direction.set(k, normalize(middle + way * spread));
+      }
+      Hit hit[kBatch];
+      intersect_close(scene.view(), origin, direction, lanes, hit);
+      RayBounds bounds;
+      bounded += bounds_of(origin, direction, lanes, bounds) ? 1 : 0;
+      for_each_bit(lanes, [&](u32 k) {
+        Hit alone;
+        const Ray ray = {origin.at(k), direction.at(k), kNoSlot, false};
+        met += intersect(scene.view(), ray, kInfinity, true, alone) ? 1 : 0;
+        CHECK(hit[k].t == alone.t && hit[k].slot.leaf == alone.slot.leaf &&
+              hit[k].slot.lane == alone.slot.lane);
+      });
+    }
+    CHECK(bounded > 150 && bounded < 390 && met > 400);
+  }
+}
+
+// What a material's plain form says is what the material says, to the bit.
+template <class Material>
+void plain_is_the_whole(const std::vector<ParamBlock>& blocks) {
+  using namespace baseline;
+  for (const ParamBlock& b : blocks) {
+    const Material m = from_block<Material>(b);
+    CHECK(is_plain(m));
+    for (u32 i = 0; i < 2000; ++i) {
+      const auto s = make_sampler(SamplerKind::independent, 1, 2, i, 9);
+      const Vec3 wo = uniform_sphere(draw2(s, 0)), wi = uniform_sphere(draw2(s, 1));
+      const Vec2 u = draw2(s, 2);
+      const BsdfDraws draws = {u, cosine_hemisphere(u), draw1(s, 3), draw1(s, 4)};
+      BsdfSample one = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false}, other = one;
+      const bool is = sample(m, wo, draws, one);
+      CHECK(is == sample(whole(plain(m)), wo, draws, other));
+      CHECK(std::memcmp(&one, &other, offsetof(BsdfSample, delta)) == 0);
+      CHECK(one.delta == other.delta);
+      const BsdfValue value = value_of(m, wo, wi), plainly = value_of(whole(plain(m)), wo, wi);
+      CHECK(std::memcmp(&value, &plainly, sizeof value) == 0);
+    }
+  }
+}
+
+void plain_materials_are_the_whole() {
+  plain_is_the_whole<baseline::Diffuse>({block(MaterialKind::diffuse, {0.7f, 0.5f, 0.3f, 0.0f})});
+  plain_is_the_whole<baseline::Metal>({block(MaterialKind::metal, {0.7f, 0.5f, 0.3f, 0.0f}),
+                                       block(MaterialKind::metal, {0.7f, 0.5f, 0.3f, 0.4f}),
+                                       block(MaterialKind::metal, {1.0f, 1.0f, 1.0f, 1.0f})});
+  plain_is_the_whole<baseline::Dielectric>(
+      {block(MaterialKind::dielectric, {1, 1, 1, 1.5f, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 0}),
+       block(MaterialKind::dielectric,
+             {0.9f, 0.8f, 1, 0.6f, 0, 0.5f, 1, 1, 0.5f, 1, 1, 1, 1, 0.2f, 0.4f})});
 }
 
 // All kinds of shapes and lights, instances of a group that shines, holes, and features.
@@ -602,6 +676,8 @@ int main() {
   batches_are_their_samples();
   samples_that_are_not_finite_are_counted_and_left_out();
   rays_meet_the_same_through_the_tree_and_without();
+  rays_that_lie_close_meet_what_each_meets();
+  plain_materials_are_the_whole();
   everything_at_once();
   trees_do_not_depend_on_threads();
   hard_cases_build();

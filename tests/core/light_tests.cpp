@@ -444,6 +444,28 @@ bool has_cells(const Bench& light) {
   return kind == LightKind::envmap || kind == LightKind::sky;
 }
 
+// Of panoramas, by latitude and longitude, in directions at random and along the axes.
+void sixteen_see_what_each_sees(const Bench& light) {
+  const Envmap envmap = from_block<Envmap>(light.record.block);
+  for (u32 i = 0; i < 200; ++i) {
+    Rows<Vec3, 16> direction;
+    for (u32 k = 0; k < 16; ++k) {
+      const Sampler s = make_sampler(SamplerKind::independent, 1, 2, 16 * i + k, 3);
+      const float sign = k & 1 ? 1.0f : -1.0f;
+      const Vec3 axes[3] = {{sign, 0, 0}, {0, sign, 0}, {0, 0, sign}};
+      direction.set(k, i == 0 ? axes[k / 2 % 3] : uniform_sphere(draw2(s, 0)));
+    }
+    const u32 lanes = i == 0 ? 0xffffu : i * 0x9e3779b9u >> 16;
+    Rows<LightSight, 16> sights;
+    const bool can = seen(envmap, light.record, light.tables(), lanes, direction, sights);
+    CHECK(can == is_latlong(envmap));
+    for_each_bit(can ? lanes : 0, [&](u32 k) {
+      const LightSight one = light.seen(direction.at(k)), together = sights.at(k);
+      CHECK(std::memcmp(&one, &together, sizeof one) == 0);
+    });
+  }
+}
+
 // Samples fall as their density says, the density integrates to 1 over what shines, samples carry
 // the radiance that a ray sees, and all of it is found but what panoramas leave to scattering,
 // which is less than half of the mean.
@@ -466,6 +488,9 @@ void outside_light_is_sampled_rightly(const std::string& name, const Bench& ligh
   near((name + ": integral of the density").c_str(), total, 1.0, 2e-3);
   CHECK(left == 0.0 || has_cells(light));
   CHECK(left <= 0.5 * (energy + left) / (4.0 * kPi) * unasked);
+  if (static_cast<LightKind>(light.record.block.kind) == LightKind::envmap) {
+    sixteen_see_what_each_sees(light);
+  }
   double sum = 0, square = 0;
   int differs = 0;
   for (int k = 0; k < kDraws; ++k) {
