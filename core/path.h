@@ -138,7 +138,7 @@ PH_INLINE Vec3 transmittance(const SceneView& scene, Ray ray, float distance, Sl
 // Light that was scattered so many times on its way to the camera, if that is no more than it may.
 PH_INLINE Vec3 bounded(Vec3 light, u32 times, float most_indirect) {
   const float most = max_component(light);
-  return light * ((times > 1) & (most > most_indirect) ? most_indirect / most : 1.0f);
+  return light * (((times > 1) & (most > most_indirect)) ? most_indirect / most : 1.0f);
 }
 
 PH_INLINE void add_scattered(const RenderView& view, Paths& paths, u32 k, Vec3 light, u32 times) {

@@ -63,7 +63,7 @@ PH_INLINE float fuzzy_lobe_pdf(Vec3 w, float fuzz) {
   const float sine2 = w.x * w.x + w.y * w.y;
   const float s2 = fuzz * fuzz - sine2;
   const float density = (1.0f - sine2 + s2) / (2.0f * kPi * fuzz * sqrt(s2));
-  return (s2 > 0.0f) & (w.z > 0.0f) ? density : 0.0f;
+  return ((s2 > 0.0f) & (w.z > 0.0f)) ? density : 0.0f;
 }
 
 }  // namespace parhelion::PH_ISA

@@ -36,7 +36,7 @@ PH_INLINE float pdf(const Metal& m, Vec3 wo, Vec3 wi) {
   const float radius = lobe_radius(m);
   const float density = fuzzy_lobe_pdf(to_local(lobe, wi), radius) +
                         fuzzy_lobe_pdf(to_local(lobe, {wi.x, wi.y, -wi.z}), radius);
-  return is_delta(m) | (wo.z * wi.z <= 0.0f) ? 0.0f : density;
+  return (is_delta(m) | (wo.z * wi.z <= 0.0f)) ? 0.0f : density;
 }
 
 PH_INLINE Vec3 eval(const Metal& m, Vec3 wo, Vec3 wi) { return m.color * pdf(m, wo, wi); }

@@ -59,7 +59,7 @@ PH_APART inline void find_frames(const Rows<Vec3, kBatch>& __restrict n,
     const Vec3 normal = v.normal.at(k), wo = -paths.direction.at(k);
     const bool behind = v.front[k] == 0;
     Frame f = frame_around(bent_normal(n.at(k), normal, wo));
-    const float side = behind & (opaque[k] != 0) ? -1.0f : 1.0f;
+    const float side = (behind & (opaque[k] != 0)) ? -1.0f : 1.0f;
     f.y *= side;
     f.z *= side;
     v.frame.set(k, f);

@@ -72,7 +72,7 @@ PH_APART inline void send_on(const u32 (&__restrict these)[kBatch], const Sample
     p.throughput.set(k, select(on, kept, select(fits, throughput, before)));
     p.eta_scale[k] = fits ? eta_scale : p.eta_scale[k];
     p.scatter_pdf[k] = fits ? ((next.delta[k] | unasked) != 0 ? 0.0f : pdf) : p.scatter_pdf[k];
-    p.spread[k] = fits & !delta ? wide : p.spread[k];
+    p.spread[k] = (fits & !delta) ? wide : p.spread[k];
     const Receiver to = v.receiver.at(k), from = p.receiver.at(k);
     p.receiver.set(k,
                    Receiver{select(on, to.point, from.point), select(on, to.normal, from.normal)});

@@ -73,12 +73,13 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
         return;
       }
     }
+    // The rarer shapes, instances, and spheres with textures
     v.set_surface(k, surface_at(scene, paths.ray(k), {paths.t[k], slot}, (wants_uv & bit) != 0));
   });
   if (any_triangle) find_points(triangles, is_triangle, paths, v);
   if (any_sphere) find_points(spheres, is_sphere, paths, v);
   face_outside(is_bare, v);
-  for_each_bit(smooth, [&](u32 k) {
+  for_each_bit(smooth, [&](u32 k) {  // by vertices' normals
     Vec3 normal = v.normal.at(k), shading;
     orient(*v.shape[k], v.id[k], v.parameter.at(k), normal, shading);
     v.normal.set(k, normal);
@@ -94,6 +95,7 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
   });
 }
 
+// Along the rays, to the sides of surfaces that they arrive at.
 PH_APART inline void travel(Paths& __restrict p, Vertices& __restrict v) {
   for (u32 k = 0; k < kBatch; ++k) {
     p.width[k] += p.spread[k] * p.t[k];

@@ -14,7 +14,8 @@
 #include <string>
 #include <vector>
 
-#include "../../core/wavefront.h"
+#include "../../core/material.h"
+#include "../../core/packet.h"
 #include "../../host/errors.h"
 #include "../../host/kernels.h"
 #include "../../host/render.h"
