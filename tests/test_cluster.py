@@ -507,11 +507,16 @@ def test_workers_that_end_together_are_nobodys_fault(scene: Any) -> None:
     asked = {**SIZE, "spp": 200}
 
     def kill(_: int) -> None:
-        for pid in pids(client):
+        dead = set(pids(client))
+        for pid in dead:
             os.kill(pid, signal.SIGKILL)
-        time.sleep(1.0)
-        with contextlib.suppress(TimeoutError):  # one that died as it began is not begun again
-            client.wait_for_workers(2, timeout=20)
+        # Dask begins no worker again that dies as it begins: all must be there first.
+        end = time.monotonic() + 30
+        while time.monotonic() < end:
+            time.sleep(0.2)
+            with contextlib.suppress(OSError, TimeoutError):
+                if len(set(pids(client)) - dead) == 2:
+                    return
 
     with places.opened("local:2", 1) as (client, *_):
         image = during(client, scene, kill, np.linspace(0.1, 0.7, 6).tolist(), **asked)
