@@ -38,7 +38,7 @@ struct Paths {
   float spread[kBatch];     // ray's origin, and what it grows by per unit of length
   float travelled[kBatch];  // from the camera
   u32 depth[kBatch];        // rays so far, the camera's own included
-  u32 channel[kBatch];      // of red, green and blue the only one left, 0 to 2; kNone: all are
+  u32 channel[kBatch];      // of red, green and blue the only one left, 0 to 2; kNone: any
   u32 holes[kBatch];        // passed by all rays so far
   SamplerBatch<kBatch> samplers;
   Media media[kBatch];
