@@ -1,6 +1,6 @@
-// Sixteen paths side by side, and where they have met surfaces: by component, so that loops over
-// all of them become vectors. What a lane holds whose path has ended means nothing, but loops go on
-// computing with it: it is set from the start, and nothing is looked up by it.
+// Sixteen paths side by side: by component, so that loops over all of them become vectors. What a
+// lane holds whose path has ended means nothing, but loops go on computing with it: it is set from
+// the start, and nothing is looked up by it.
 #pragma once
 #include "emitter.h"
 
@@ -52,76 +52,19 @@ struct Paths {
     self[k] = ray.self;
     inward[k] = ray.inward;
   }
-};
 
-// The most parameters that a material's plain form may have (bsdf.h).
-struct PlainBlock {
-  float value[12];
-};
-
-// Where paths have met surfaces: what one step of a bounce hands on to the next.
-struct Vertices {
-  // As in Surface
-  Rows<Vec3, kBatch> point, normal, shading;
-  Rows<Vec2, kBatch> parameter;
-  float error[kBatch];
-  u32 inside_out[kBatch];
-  u32 id[kBatch];
-  const ShapeRecord* shape[kBatch];
-  const MaterialRecord* material[kBatch];
-  Vec3 color[kBatch];
-  Vec2 uv[kBatch];
-  Vec3 dpdu[kBatch], dpdv[kBatch];
-  float uv_rate[kBatch];
-
-  u32 front[kBatch];  // the surface is seen from its outside
-  // What scatters: the surface's material or another that stands for it, and its parameters here,
-  // which are the record's or `own`.
-  const MaterialRecord* record[kBatch];
-  const ParamBlock* block[kBatch];
-  ParamBlock own[kBatch];
-  Rows<PlainBlock, kBatch> plain;
-  Rows<Frame, kBatch> frame;  // in which the surface scatters
-  Rows<Vec3, kBatch> local_wo;
-  Rows<Receiver, kBatch> receiver;
-
-  // As in DirectSample
-  Rows<Vec3, kBatch> to_light, radiance;
-  float light_distance[kBatch], light_pdf[kBatch];
-  u32 light_delta[kBatch];
-  Slot light_slot[kBatch];
-  Rows<Vec3, kBatch> local_wi;  // towards the light
-  Rows<BsdfValue, kBatch> scattered;
-  Rows<Vec3, kBatch> value;  // the light's radiance, scattered towards wo
-  float scale[kBatch];       // its weight over its density
-
-  PH_INLINE void set_surface(u32 k, const Surface& s) {
-    point.set(k, s.point);
-    normal.set(k, s.normal);
-    shading.set(k, s.shading);
-    parameter.set(k, s.parameter);
-    error[k] = s.error;
-    inside_out[k] = s.shape->inside_out;
-    id[k] = s.id;
-    shape[k] = s.shape;
-    material[k] = s.material;
-    color[k] = s.color;
-    uv[k] = s.uv;
-    dpdu[k] = s.dpdu, dpdv[k] = s.dpdv;
-    uv_rate[k] = s.uv_rate;
-  }
-  PH_INLINE Surface surface(u32 k, Slot slot) const {
-    return {point.at(k), normal.at(k), shading.at(k), parameter.at(k), error[k],
-            slot,        id[k],        shape[k],      material[k],     color[k],
-            uv[k],       dpdu[k],      dpdv[k],       uv_rate[k]};
-  }
-  PH_INLINE void set_light(u32 k, const DirectSample& s) {
-    to_light.set(k, s.direction);
-    radiance.set(k, s.radiance);
-    light_distance[k] = s.distance;
-    light_pdf[k] = s.pdf;
-    light_delta[k] = s.delta;
-    light_slot[k] = s.slot;
+  // Takes the path that others have at a lane.
+  PH_INLINE void take(u32 k, const Paths& from, u32 lane) {
+    const auto take_rows = [&](auto... row) { (copy_lane(this->*row, k, from.*row, lane), ...); };
+    take_rows(&Paths::origin, &Paths::direction, &Paths::self, &Paths::inward, &Paths::slot,
+              &Paths::t, &Paths::sum, &Paths::throughput, &Paths::receiver, &Paths::scatter_pdf,
+              &Paths::eta_scale, &Paths::width, &Paths::spread, &Paths::travelled, &Paths::depth,
+              &Paths::channel, &Paths::holes);
+    samplers.kind = from.samplers.kind;
+    copy_lane(samplers.key, k, from.samplers.key, lane);
+    copy_lane(samplers.reversed_index, k, from.samplers.reversed_index, lane);
+    media[k].count = 0;
+    if (from.media[lane].count != 0) media[k] = from.media[lane];
   }
 };
 

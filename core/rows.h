@@ -29,4 +29,14 @@ struct Rows {
   }
 };
 
+// One lane of rows, or of an array, from another's.
+template <class T, u32 kCount>
+PH_INLINE void copy_lane(Rows<T, kCount>& to, u32 k, const Rows<T, kCount>& from, u32 lane) {
+  to.set(k, from.at(lane));
+}
+template <class T, u32 kCount>
+PH_INLINE void copy_lane(T (&to)[kCount], u32 k, const T (&from)[kCount], u32 lane) {
+  to[k] = from[lane];
+}
+
 }  // namespace parhelion::PH_ISA

@@ -7,6 +7,7 @@
 // not selected.
 #pragma once
 #include "wavefront/lights.h"
+#include "wavefront/materials.h"
 #include "wavefront/rays.h"
 #include "wavefront/scattering.h"
 #include "wavefront/surfaces.h"

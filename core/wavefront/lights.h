@@ -1,6 +1,6 @@
 // Light: which of them surfaces ask, how much of it they scatter, and whether it arrives.
 #pragma once
-#include "materials.h"
+#include "draws.h"
 
 namespace parhelion::PH_ISA {
 
@@ -136,19 +136,12 @@ inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v)
   u32 lit = 0;
   for_each_bit(lanes, [&](u32 k) { lit |= fits[k] << k; });
   for_each_kind(kinds, [&]<class Material>(u32 own) {
-    own &= lit;
-    if constexpr (requires { typename Material::Plain; }) {
-      if ((own & kinds.plain) != 0) {
-        u32 these[kBatch];
-        spread(own & kinds.plain, these);
-        value_of_plain<Material>(these, v);
-        own &= ~kinds.plain;
-      }
-    }
-    for_each_bit(own, [&](u32 k) {
-      const Material material = from_block<Material>(*v.block[k]);
-      v.scattered.set(k, value_of(material, v.local_wo.at(k), v.local_wi.at(k)));
-    });
+    plain_and_others<Material>(
+        kinds, own & lit, [&](const auto& these) { value_of_plain<Material>(these, v); },
+        [&](u32 k) {
+          const Material material = from_block<Material>(*v.block[k]);
+          v.scattered.set(k, value_of(material, v.local_wo.at(k), v.local_wi.at(k)));
+        });
   });
   for_each_bit(lit, [&](u32 k) {
     if (black(v.scattered.at(k).value)) lit &= ~(1u << k);

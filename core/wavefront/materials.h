@@ -1,25 +1,9 @@
-// Materials: their types, the frames in which they scatter, and the numbers that this takes.
+// Materials: the frames and parameters by which paths see them.
 #pragma once
-#include "wave.h"
+#include "kinds.h"
+#include "watch.h"
 
 namespace parhelion::PH_ISA {
-
-// The paths, a bit for each, at surfaces of each type of material; and which of them are plain.
-struct Kinds {
-  u32 lanes[kMaterialKinds] = {};
-  u32 plain = 0, transmitting = 0;
-};
-
-// Calls f.operator()<Material>(lanes) for each type that there is.
-template <class F>
-PH_INLINE void for_each_kind(const Kinds& kinds, F&& f) {
-#define MATERIAL(name, Type)                                                        \
-  if (kinds.lanes[static_cast<u32>(MaterialKind::name)] != 0) {                     \
-    f.template operator()<Type>(kinds.lanes[static_cast<u32>(MaterialKind::name)]); \
-  }
-#include "../materials.def"
-#undef MATERIAL
-}
 
 // A path's material, whose parameters may depend on what the path is inside of: sets its block.
 template <class Material>
@@ -123,42 +107,6 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
   });
   for (u32& own : kinds.lanes) own &= scattering;
   return scattering;
-}
-
-// The numbers that a bounce takes, by draw and lane.
-struct BounceDraws {
-  float choice[2][kBatch], point[2][kBatch], direction[2][kBatch];
-  Rows<Vec3, kBatch> hemisphere;
-  float lobe[kBatch], lobe2[kBatch], roulette[kBatch];
-
-  PH_INLINE BsdfDraws bsdf(u32 i) const {
-    return {{direction[0][i], direction[1][i]}, hemisphere.at(i), lobe[i], lobe2[i]};
-  }
-};
-
-// All that scattering may need at surfaces of these kinds.
-inline void draw_bounces(Paths& paths, const Kinds& kinds, bool lit, BounceDraws& draws) {
-  SamplerBatch<kBatch>& s = paths.samplers;
-  u32 lobes = 0, deepest = 0;
-  for_each_kind(kinds, [&]<class Material>(u32) {
-    constexpr u32 own = lobe_draws<Material>();
-    lobes = own > lobes ? own : lobes;
-  });
-  for (u32 k = 0; k < kBatch; ++k) {
-    s.dimension[k] = bounce_draw(paths.depth[k]);
-    deepest = paths.depth[k] > deepest ? paths.depth[k] : deepest;
-  }
-  draw2(s, kDrawDirection, draws.direction[0], draws.direction[1]);
-  if (lobes > 0) draw1(s, kDrawLobe, draws.lobe);
-  if (lobes > 1) draw1(s, kDrawLobe2, draws.lobe2);
-  if (deepest >= kRouletteStart) draw1(s, kDrawRoulette, draws.roulette);
-  if (lit) {
-    draw2(s, kDrawLight, draws.choice[0], draws.choice[1]);
-    draw2(s, kDrawLightPoint, draws.point[0], draws.point[1]);
-  }
-  for (u32 k = 0; k < kBatch; ++k) {
-    draws.hemisphere.set(k, cosine_hemisphere({draws.direction[0][k], draws.direction[1][k]}));
-  }
 }
 
 }  // namespace parhelion::PH_ISA

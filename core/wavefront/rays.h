@@ -1,59 +1,10 @@
-// Rays: how paths begin, what their rays meet, and what those see that leave the scene.
+// Rays, from the camera on to what they meet.
 #pragma once
 #include "../packet.h"
-#include "wave.h"
+#include "backgrounds.h"
+#include "watch.h"
 
 namespace parhelion::PH_ISA {
-
-// Adds what rays see of a light from outside that is not asked for.
-template <class Light>
-PH_APART inline void add_smooth(const Light& __restrict light, const LightRecord& __restrict record,
-                                const LightTables& tables, const u32 (&__restrict these)[kBatch],
-                                float most_indirect, Paths& __restrict p) {
-  for (u32 k = 0; k < kBatch; ++k) {
-    const Vec3 sum = p.sum.at(k);
-    const Vec3 shine = radiance(light, record, tables, p.direction.at(k));
-    const Vec3 seen = bounded(p.throughput.at(k) * shine, p.depth[k] - 1, most_indirect);
-    p.sum.set(k, select(these[k] != 0, sum + seen, sum));
-  }
-}
-
-// Adds what the rays see that meet nothing.
-inline void add_backgrounds(const SceneView& scene, const RenderView& view, u32 lanes, Paths& p) {
-  if (view.backdrop.x == view.backdrop.x) {
-    for_each_bit(lanes, [&](u32 k) {
-      if (p.depth[k] > 1) return;
-      p.sum.set(k, p.sum.at(k) + p.throughput.at(k) * view.backdrop);
-      lanes &= ~(1u << k);
-    });
-  }
-  if (view.integrator == Integrator::ambient_occlusion) {
-    for_each_bit(lanes, [&](u32 k) { p.sum.set(k, Vec3{1, 1, 1}); });
-    return;
-  }
-  u32 these[kBatch];
-  spread(lanes, these);
-  for (u32 i = scene.outside_first; lanes != 0 && i < scene.light_count; ++i) {
-    const LightRecord& record = scene.lights[i];
-    with_light(record.block, [&]<class Light>(const Light& light) {
-      if constexpr (requires { Light::branchless; }) {
-        static_assert(Light::smooth);  // so there is no density to weigh it by
-        add_smooth(light, record, scene.tables, these, view.clamp_indirect, p);
-        return;
-      }
-      if constexpr (requires(Rows<LightSight, kBatch>& sights) {
-                      seen(light, record, scene.tables, lanes, p.direction, sights);
-                    }) {
-        Rows<LightSight, kBatch> sights;
-        if (seen(light, record, scene.tables, lanes, p.direction, sights)) {
-          for_each_bit(lanes, [&](u32 k) { add_outside(scene, view, i, sights.at(k), p, k); });
-          return;
-        }
-      }
-      for_each_bit(lanes, [&](u32 k) { add_outside(scene, view, i, p, k); });
-    });
-  }
-}
 
 // How the samples of a batch begin, whose pixels in row y and numbers are given.
 template <u32 kCount>
@@ -141,32 +92,9 @@ inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, bo
   wave.alive &= ~left;
 }
 
-// Takes the path that another wave has at a lane, whose first ray has been traced: there is no
-// receiver yet. Features stay behind.
+// Takes the path that another wave has at a lane. Features stay behind.
 PH_INLINE void take(const Wave& from, u32 lane, Wave& wave, u32 k) {
-  const Paths& a = from.paths;
-  Paths& p = wave.paths;
-  p.origin.set(k, a.origin.at(lane));
-  p.direction.set(k, a.direction.at(lane));
-  p.self[k] = a.self[lane];
-  p.inward[k] = a.inward[lane];
-  p.slot[k] = a.slot[lane];
-  p.t[k] = a.t[lane];
-  p.sum.set(k, a.sum.at(lane));
-  p.throughput.set(k, a.throughput.at(lane));
-  p.scatter_pdf[k] = a.scatter_pdf[lane];
-  p.eta_scale[k] = a.eta_scale[lane];
-  p.width[k] = a.width[lane];
-  p.spread[k] = a.spread[lane];
-  p.travelled[k] = a.travelled[lane];
-  p.depth[k] = a.depth[lane];
-  p.channel[k] = a.channel[lane];
-  p.holes[k] = a.holes[lane];
-  p.samplers.kind = a.samplers.kind;
-  p.samplers.key[k] = a.samplers.key[lane];
-  p.samplers.reversed_index[k] = a.samplers.reversed_index[lane];
-  p.media[k].count = 0;
-  if (a.media[lane].count != 0) p.media[k] = a.media[lane];
+  wave.paths.take(k, from.paths, lane);
   wave.alive |= 1u << k;
 }
 

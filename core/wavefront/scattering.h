@@ -1,6 +1,6 @@
 // Where paths go on.
 #pragma once
-#include "materials.h"
+#include "draws.h"
 
 namespace parhelion::PH_ISA {
 
@@ -86,20 +86,14 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
                    const BounceDraws& draws, const Vertices& v, Paths& p) {
   Sampled next = {};
   for_each_kind(kinds, [&]<class Material>(u32 own) {
-    if constexpr (requires { typename Material::Plain; }) {
-      if ((own & kinds.plain) != 0) {
-        u32 these[kBatch];
-        spread(own & kinds.plain, these);
-        sample_plain<Material>(these, v, draws, next);
-        own &= ~kinds.plain;
-      }
-    }
-    for_each_bit(own, [&](u32 k) {
-      BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
-      const Material material = from_block<Material>(*v.block[k]);
-      const bool there = sample(material, v.local_wo.at(k), draws.bsdf(k), s);
-      next.set(k, s, there);
-    });
+    plain_and_others<Material>(
+        kinds, own, [&](const auto& these) { sample_plain<Material>(these, v, draws, next); },
+        [&](u32 k) {
+          BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
+          const Material material = from_block<Material>(*v.block[k]);
+          const bool there = sample(material, v.local_wo.at(k), draws.bsdf(k), s);
+          next.set(k, s, there);
+        });
   });
   u32 these[kBatch], goes[kBatch], on = 0;
   spread(lanes, these);

@@ -1,13 +1,11 @@
-// Sixteen paths that go in step, and who may look on.
+// Sixteen paths that go in step.
 #pragma once
 #include "../path.h"
+#include "vertices.h"
 
 namespace parhelion::PH_ISA {
 
 inline constexpr u32 kAllLanes = (1u << kBatch) - 1;
-
-// When a path may be looked at: after each of these.
-enum class Step : u32 { begins, leaves, meets, approaches, asks, receives, scatters };
 
 struct Wave {
   u32 alive = 0;  // a bit for each path that goes on
@@ -20,14 +18,6 @@ struct Wave {
       features[k].direct = paths.sum.at(k) - features[k].emission;
     }
   }
-};
-
-// Looks at nothing, and is nothing once it is compiled. vertices: what paths have met, null before
-// `meets`; the light that is asked for is there from `asks` on. lit: whether the surface scatters
-// any of that.
-struct Unwatched {
-  PH_INLINE void operator()(Step, const Wave&, const Vertices*, u32 /*lane*/, Fate,
-                            bool /*lit*/ = false) const {}
 };
 
 // 1 for each lane of a set of bits, else 0.
