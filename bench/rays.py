@@ -1,7 +1,8 @@
 """The group `rays`: hits of rays by the million a second on one thread, ours beside Embree's.
 
-Two kinds of scenes, from a thousand primitives to a million, or ten with --long: a sphere with
+Two kinds of made scenes, from a thousand primitives to a million, or ten with --long: a sphere with
 waves as triangles, and a box of random spheres, for which Embree's Python module has no primitive.
+And the triangles of scenes as people make them, large beside small, which trees find harder.
 Three kinds of rays: a camera's, neighbours side by side; what bounces from there in all directions,
 for the nearest hit; and the same for any hit. Both get them as arrays in one call.
 """
@@ -13,12 +14,16 @@ from typing import Any
 
 import numpy as np
 
+import parhelion as ph
+
+from . import gallery
 from .process import Worker
 from .scenes import BenchError
 from .summary import Row, ratios
 
 SIDE = 512  # rays of a picture's side
 SHAPES = ("triangles", "spheres")
+SCENES = ("helmet", "sponza", "classroom", "coffee")  # of the gallery
 RAYS = ("camera", "bounce", "any hit")
 
 
@@ -32,6 +37,13 @@ def rays(plan: Any, notes: Any) -> list[Row]:
             write(path, shape, count)
             names = ("parhelion", "embreex") if shape == "triangles" else ("parhelion",)
             rows += measured(plan, notes, path, f"{count:.0e} {shape}".replace("e+0", "e"), names)
+    for name in SCENES:
+        try:
+            write_scene(path, name)
+        except BenchError as problem:
+            notes.add(f"rays, {name}: not measured: {problem}")
+            continue
+        rows += measured(plan, notes, path, name, ("parhelion", "embreex"))
     path.unlink()
     return rows
 
@@ -95,6 +107,34 @@ def write(path: Path, shape: str, count: int) -> None:
         arrays = {"centers": centers, "radius": np.float32(0.5 * count ** (-1 / 3))}
     origins, directions = camera_rays()
     np.savez(path, origins=origins, directions=directions, **arrays)
+
+
+def write_scene(path: Path, name: str) -> None:
+    """All triangles of a scene of the gallery, and its camera's rays, as write() does."""
+    scene = gallery.load(name, SIDE * SIDE)
+    meshes = [shape for shape in scene.shapes if isinstance(shape, ph.Mesh)]
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+    camera = scene.camera
+    assert isinstance(camera, ph.Camera)
+    eye = np.array(camera.eye)
+    towards = np.array(camera.target) - eye
+    right = np.cross(towards, camera.up)
+    up = np.cross(right, towards)
+    towards, right, up = (v / np.linalg.norm(v) for v in (towards, right, up))
+    half = np.tan(np.radians(camera.vfov) / 2)
+    height, width = scene.settings.height, scene.settings.width
+    x = half * width / height * ((np.arange(width) + 0.5) / width * 2 - 1)
+    y = half * (1 - (np.arange(height) + 0.5) / height * 2)
+    directions = (towards + x[:, None] * right + y[:, None, None] * up).reshape(-1, 3)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    np.savez(
+        path,
+        vertices=np.concatenate([mesh.vertices for mesh in meshes]).astype(np.float32),
+        faces=np.concatenate(faces),
+        origins=np.tile(np.float32(eye), (len(directions), 1)),
+        directions=directions.astype(np.float32),
+    )
 
 
 def wavy_sphere(count: int) -> tuple[np.ndarray, np.ndarray]:

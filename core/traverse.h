@@ -1,7 +1,7 @@
 // The nearest hit of a ray, and whether anything is hit at all: one ray against sixteen boxes or
 // sixteen primitives at a time.
 #pragma once
-#include "view.h"
+#include "stack.h"
 
 namespace parhelion::PH_ISA {
 
@@ -124,9 +124,9 @@ PH_INLINE bool test_leaf(const SceneView& scene, Child leaf, const Ray& ray, Nea
   compiler::unreachable();
 }
 
-// Bit i: the ray meets child i's box before `limit`; near[i] is where.
+// Bit i: the ray meets child i's box before `limit`; near: where.
 PH_INLINE u32 test_boxes(const Node& node, const Ray& ray, Vec3 inverse, const u32 (&sign)[3],
-                         float limit, float* near) {
+                         float limit, Lanes& near) {
   const float (*bound)[16] = node.low;  // low and high are one array of six rows
   const Lanes x0 = (load(bound[0 + 3 * sign[0]]) - all(ray.origin.x)) * all(inverse.x);
   const Lanes x1 = (load(bound[3 - 3 * sign[0]]) - all(ray.origin.x)) * all(inverse.x);
@@ -135,71 +135,33 @@ PH_INLINE u32 test_boxes(const Node& node, const Ray& ray, Vec3 inverse, const u
   const Lanes z0 = (load(bound[2 + 3 * sign[2]]) - all(ray.origin.z)) * all(inverse.z);
   const Lanes z1 = (load(bound[5 - 3 * sign[2]]) - all(ray.origin.z)) * all(inverse.z);
   // A ray within a box's plane makes 0 * inf = NaN, which min and max then pass over.
-  const Lanes first = max(x0, max(y0, max(z0, all(0.0f))));
+  near = max(x0, max(y0, max(z0, all(0.0f))));
   const Lanes last = min(x1, min(y1, min(z1, all(limit)))) * all(kSlabSlack);
-  store(near, first);
-  return bits(first <= last);
+  return bits(near <= last);
 }
 
 template <bool kAny, bool kInside>
 inline bool walk_tree(const SceneView& scene, Child root, const Ray& ray, NearestHit& best) {
   const Vec3 inverse = {1.0f / ray.direction.x, 1.0f / ray.direction.y, 1.0f / ray.direction.z};
   const u32 sign[3] = {inverse.x < 0.0f, inverse.y < 0.0f, inverse.z < 0.0f};
-  // An entry is a child and, in the upper half, the bits of its distance: of floats that are not
-  // negative the order is that of their bits.
-  u64 stack[15 * kMaxTreeDepth + 1];
-  u64* top = stack;
-  Child child = root;
-  for (;;) {
+  Stack stack;
+  for (Child child = root;;) {
     if (child & kLeafBit) {
       if (test_leaf<kAny, kInside>(scene, child, ray, best)) return true;
     } else {
       const Node& node = scene.nodes[child];
-      alignas(64) float near[16];
-      u32 hits = test_boxes(node, ray, inverse, sign, best.hit.t, near);
-      if (hits != 0) {
-        u32 lane = lowest_bit(hits);
-        hits &= hits - 1;
-        if (hits == 0) {
-          child = node.child[lane];
-          continue;
-        }
-        if constexpr (kAny) {  // in whatever order
-          do {
-            *top++ = node.child[lane];
-            lane = lowest_bit(hits);
-            hits &= hits - 1;
-          } while (hits != 0);
-          child = node.child[lane];
-          continue;
-        }
-        const auto entry = [&](u32 i) {
-          return static_cast<u64>(__builtin_bit_cast(u32, near[i])) << 32 | node.child[i];
-        };
-        // Insertion sort on top of the stack, farthest first.
-        u64* const first = top;
-        *top++ = entry(lane);
-        do {
-          lane = lowest_bit(hits);
-          hits &= hits - 1;
-          const u64 e = entry(lane);
-          u64* place = top++;
-          for (; place != first && place[-1] < e; --place) *place = place[-1];
-          *place = e;
-        } while (hits != 0);
-        child = static_cast<Child>(*--top);
+      Lanes near;
+      const u32 hits = test_boxes(node, ray, inverse, sign, best.hit.t, near);
+      if constexpr (kAny) {
+        stack.push(node, hits);
+      } else if ((hits & (hits - 1)) != 0) {
+        stack.push(node, near, hits);
+      } else if (hits != 0) {  // what is next need not wait for the stack
+        child = node.child[lowest_bit(hits)];
         continue;
       }
     }
-    for (;;) {
-      if (top == stack) return false;
-      const u64 e = *--top;
-      const float distance = __builtin_bit_cast(float, static_cast<u32>(e >> 32));
-      if (distance <= best.hit.t * kSlabSlack) {
-        child = static_cast<Child>(e);
-        break;
-      }
-    }
+    if (kAny ? !stack.pop(child) : !stack.pop(child, best.hit.t * kSlabSlack)) return false;
   }
 }
 

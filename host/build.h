@@ -20,6 +20,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "../core/view.h"
@@ -231,19 +232,18 @@ class TreeBuilder {
         top_[job.node].child[job.lane] = c;
       }
     }
-    std::copy(top_.begin(), top_.end(), nodes);
+    for (size_t i = 0; i < top_.size(); ++i) nodes[i] = by_surface(top_[i]);
 #pragma omp parallel for schedule(dynamic, 1) if (jobs_.size() > 1)
     for (size_t i = 0; i < jobs_.size(); ++i) {
       const Local& made = jobs_[i].made;
       Node* to = nodes + (first_node[i] - node_base);
       for (const Node& n : made.nodes) {
-        *to = n;
+        Node& there = *to++ = by_surface(n);
         for (int lane = 0; lane < 16; ++lane) {
-          if (n.low[0][lane] <= n.high[0][lane]) {
-            to->child[lane] = moved(n.child[lane], first_node[i], first_block[i]);
+          if (there.low[0][lane] <= there.high[0][lane]) {
+            there.child[lane] = moved(there.child[lane], first_node[i], first_block[i]);
           }
         }
-        ++to;
       }
       KindCounts block = first_block[i];
       const u32* ids = order_.data() + jobs_[i].first;
@@ -811,6 +811,29 @@ class TreeBuilder {
   static void set_box(Node& n, int lane, const Extent& e) {
     const Aabb b = e.box();
     for (int k = 0; k < 3; ++k) n.low[k][lane] = b.low[k], n.high[k][lane] = b.high[k];
+  }
+
+  // The same node, its largest child last, where a ray that asks for any hit looks first: what is
+  // large hides most. Method: J.-H. Nah and D. Manocha, "SATO: Surface Area Traversal Order for
+  // Shadow Ray Tracing", Computer Graphics Forum 33(6), 2014.
+  static Node by_surface(const Node& n) {
+    std::pair<float, int> order[16];
+    for (int lane = 0; lane < 16; ++lane) {
+      float side[3];
+      for (int k = 0; k < 3; ++k) side[k] = std::max(n.high[k][lane] - n.low[k][lane], 0.0f);
+      order[lane] = {side[0] * side[1] + side[1] * side[2] + side[2] * side[0], lane};
+    }
+    std::sort(order, order + 16);
+    Node sorted;
+    for (int lane = 0; lane < 16; ++lane) {
+      const int from = order[lane].second;
+      for (int k = 0; k < 3; ++k) {
+        sorted.low[k][lane] = n.low[k][from];
+        sorted.high[k][lane] = n.high[k][from];
+      }
+      sorted.child[lane] = n.child[from];
+    }
+    return sorted;
   }
 
   // One job: the whole tree over n refs. spare: room for as many.

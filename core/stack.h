@@ -1,0 +1,130 @@
+// What a ray is still to visit of a tree. Of the children that one node puts there the nearest lies
+// on top.
+#pragma once
+#include "view.h"
+
+namespace parhelion::PH_ISA {
+
+// A level of nodes leaves at most fifteen behind, since one is gone to.
+inline constexpr u32 kStackSize = 15 * kMaxTreeDepth + 1;
+
+#if defined(__AVX512F__)
+
+// In registers, and without branches where no more than four are put there: how many boxes a ray
+// meets cannot be predicted.
+class Stack {
+ public:
+  // A bit for each child in `hits`; near: where the ray enters its box.
+  PH_INLINE void push(const Node& node, const Lanes& near, u32 hits) {
+    // Of floats that are not negative the order is that of their bits. The last four give way to
+    // the child's number, so the distances that are kept are less by that.
+    const __m512i numbers = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    const __m512i distances =
+        _mm512_andnot_si512(_mm512_set1_epi32(15), _mm512_castps_si512(near.part[0]));
+    const __m512i found = _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits),
+                                                      _mm512_or_si512(distances, numbers));
+    const u32 count = static_cast<u32>(__builtin_popcount(hits));
+    __m512i sorted = _mm512_castsi128_si512(descending(_mm512_castsi512_si128(found)));
+    if (count > 4) [[unlikely]] {
+      alignas(64) u32 key[16], in_order[16];
+      _mm512_store_si512(key, found);
+      for (u32 i = 0; i < count; ++i) {
+        const __m512i one = _mm512_set1_epi32(static_cast<int>(key[i]));
+        const u32 nearer = _mm512_cmpgt_epu32_mask(found, one);
+        in_order[__builtin_popcount(nearer)] = key[i];
+      }
+      sorted = _mm512_load_si512(in_order);
+    }
+    const __m512i children = _mm512_permutexvar_epi32(sorted, _mm512_load_si512(node.child));
+    if (count > 4) [[unlikely]] {
+      _mm512_storeu_si512(near_ + size_, sorted);
+      _mm512_storeu_si512(child_ + size_, children);
+    } else {
+      _mm_storeu_si128(reinterpret_cast<__m128i*>(near_ + size_), _mm512_castsi512_si128(sorted));
+      _mm_storeu_si128(reinterpret_cast<__m128i*>(child_ + size_),
+                       _mm512_castsi512_si128(children));
+    }
+    size_ += count;
+  }
+  // In whatever order.
+  PH_INLINE void push(const Node& node, u32 hits) {
+    _mm512_storeu_si512(child_ + size_, _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits),
+                                                                    _mm512_load_si512(node.child)));
+    size_ += static_cast<u32>(__builtin_popcount(hits));
+  }
+
+  // False if there is none.
+  PH_INLINE bool pop(Child& child) {
+    if (size_ == 0) return false;
+    child = child_[--size_];
+    return true;
+  }
+  // The uppermost whose box begins before `limit`.
+  PH_INLINE bool pop(Child& child, float limit) {
+    do {
+      if (size_ == 0) return false;
+      --size_;
+    } while (!(__builtin_bit_cast(float, near_[size_] & ~15u) <= limit));
+    child = child_[size_];
+    return true;
+  }
+
+ private:
+  // Zeros, which stand for none, come last.
+  PH_INLINE static __m128i descending(__m128i a) {
+    const __m128i b = _mm_shuffle_epi32(a, 0xb1);  // neighbours exchanged
+    a = _mm_blend_epi32(_mm_max_epu32(a, b), _mm_min_epu32(a, b), 0b1010);
+    const __m128i c = _mm_shuffle_epi32(a, 0x4e);  // halves exchanged
+    a = _mm_blend_epi32(_mm_max_epu32(a, c), _mm_min_epu32(a, c), 0b1100);
+    const __m128i d = _mm_shuffle_epi32(a, 0xd8);  // the two in the middle exchanged
+    return _mm_blend_epi32(_mm_max_epu32(a, d), _mm_min_epu32(a, d), 0b0100);
+  }
+
+  u32 size_ = 0;
+  u32 near_[kStackSize + 15];  // whole registers are written
+  Child child_[kStackSize + 15];
+};
+
+#else
+
+class Stack {
+ public:
+  PH_INLINE void push(const Node& node, const Lanes& near, u32 hits) {
+    alignas(64) float at[16];
+    store(at, near);
+    u64* const start = top_;
+    for_each_bit(hits, [&](u32 k) {
+      // Insertion sort, farthest first: of floats that are not negative the order is that of their
+      // bits, which are an entry's upper half.
+      const u64 e = static_cast<u64>(__builtin_bit_cast(u32, at[k])) << 32 | node.child[k];
+      u64* place = top_++;
+      for (; place != start && place[-1] < e; --place) *place = place[-1];
+      *place = e;
+    });
+  }
+  PH_INLINE void push(const Node& node, u32 hits) {
+    for_each_bit(hits, [&](u32 k) { *top_++ = node.child[k]; });
+  }
+
+  PH_INLINE bool pop(Child& child) {
+    if (top_ == entry_) return false;
+    child = static_cast<Child>(*--top_);
+    return true;
+  }
+  PH_INLINE bool pop(Child& child, float limit) {
+    do {
+      if (top_ == entry_) return false;
+      --top_;
+    } while (!(__builtin_bit_cast(float, static_cast<u32>(*top_ >> 32)) <= limit));
+    child = static_cast<Child>(*top_);
+    return true;
+  }
+
+ private:
+  u64 entry_[kStackSize];
+  u64* top_ = entry_;
+};
+
+#endif
+
+}  // namespace parhelion::PH_ISA
