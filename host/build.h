@@ -274,10 +274,13 @@ class TreeBuilder {
   static constexpr size_t kPerCell = 8, kMostCells = 32768, kCellsANode = 512, kGridSize = 2048;
   // A cell of so many times the usual number of primitives is crowded.
   static constexpr size_t kCrowd = 4;
-  // What a node costs in memory, as a share of what rays pay for the uppermost of its part.
-  static constexpr float kNodeMemory = 0.01f;
+  // What a node costs in memory, as a share of what rays pay for the uppermost of its part, and
+  // what a leaf does, as a share of what they pay for one of its part.
+  static constexpr float kNodeMemory = 0.01f, kLeafMemory = 0.2f;
   // What has been divided in two so often is halved from there on.
   static constexpr int kMostForks = 64;
+  // Of a leaf there are so many forks: itself, what it may be divided in, and what lies above.
+  static constexpr size_t kForksALeaf = 4;
   // Primitives are fetched so many before they are looked at.
   static constexpr size_t kAhead = 16;
   static constexpr size_t kNoNode = std::numeric_limits<size_t>::max();
@@ -398,7 +401,7 @@ class TreeBuilder {
                       std::greater<>());
     u64 refs = 0;
     for (size_t i = 0; i < most; ++i) refs += sizes[i];
-    return refs * (2 * sizeof(Ref) + 2 * sizeof(Fork) / kLeafSize);
+    return refs * (2 * sizeof(Ref) + kForksALeaf * sizeof(Fork) / kLeafSize);
   }
 
   // centers: of all primitives.
@@ -857,8 +860,11 @@ class TreeBuilder {
     if (part.size <= kLeafSize) return leaf(part, out);
     if (depth > kMaxTreeDepth / 2 || part.is_point()) return even_tree(part, depth, out);
     std::vector<Fork> forks;
-    forks.reserve(2 * (part.size / kLeafSize) + 1);
-    fork(part, part.box.half_area() * kNodeMemory, 0, forks);
+    forks.reserve(kForksALeaf * (part.size / kLeafSize) + 1);
+    const float area = part.box.half_area();
+    const float leaves = static_cast<float>(part.size) / kLeafSize;
+    const float of_one = area / std::pow(leaves, 2.0f / 3.0f);  // as if they filled the part's box
+    fork(part, {area * kNodeMemory, of_one * kLeafMemory}, 0, forks);
     return join(forks, 0, depth, out);
   }
 
@@ -890,27 +896,46 @@ class TreeBuilder {
   // given, the left half takes first[i], 0 if it is better a child itself.
   struct Fork {
     Part part;
-    size_t right;  // index; the left one follows. 0: a leaf
+    size_t right;  // index; the left one follows
     float cost[15];
     std::uint8_t first[16];
   };
 
+  // What they cost, however seldom rays visit them.
+  struct Memory {
+    float node, leaf;
+  };
+
+  static Fork leaf_fork(const Part& part) {
+    Fork f{part, 0, {}, {}};
+    std::fill(f.cost, f.cost + 15, part.box.half_area());
+    return f;
+  }
+
   // Method: H. Ylitie, T. Karras and S. Laine, "Efficient Incoherent Ray Traversal on GPUs Through
-  // Compressed Wide BVHs", HPG 2017, section 3.1; leaves are what they are.
-  // memory: what a node costs, however seldom rays visit it.
-  static void fork(const Part& part, float memory, int levels, std::vector<Fork>& forks) {
+  // Compressed Wide BVHs", HPG 2017, section 3.1. What fits into a leaf may be two where the node
+  // above has room, as when something large lies beside what is small.
+  static void fork(const Part& part, Memory memory, int levels, std::vector<Fork>& forks) {
     const size_t index = forks.size();
-    forks.push_back({part, 0, {}, {}});
-    if (part.size <= kLeafSize) return;
+    forks.push_back(leaf_fork(part));
+    if (part.size < 2) return;
     Part left, right;
     if (levels < kMostForks) {
       split(part, left, right);
     } else {
       split_by_count(part, left, right);
     }
-    fork(left, memory, levels + 1, forks);
-    forks[index].right = forks.size();
-    fork(right, memory, levels + 1, forks);
+    if (part.size <= kLeafSize) {
+      const float two = left.box.half_area() + right.box.half_area();
+      if (!(two + memory.leaf < part.box.half_area())) return;
+      forks.push_back(leaf_fork(left));
+      forks[index].right = forks.size();
+      forks.push_back(leaf_fork(right));
+    } else {
+      fork(left, memory, levels + 1, forks);
+      forks[index].right = forks.size();
+      fork(right, memory, levels + 1, forks);
+    }
     Fork& f = forks[index];
     const float* a = forks[index + 1].cost;
     const float* b = forks[f.right].cost;
@@ -923,8 +948,9 @@ class TreeBuilder {
       }
       return least;
     };
-    f.cost[0] = best(16, f.first[15]) + part.box.half_area() + memory;
-    f.first[0] = 0;
+    if (part.size > kLeafSize) {
+      f.cost[0] = best(16, f.first[15]) + part.box.half_area() + memory.node;
+    }
     for (int children = 2; children < 16; ++children) {
       const size_t i = static_cast<size_t>(children - 1);
       f.cost[i] = best(children, f.first[i]);
@@ -935,7 +961,7 @@ class TreeBuilder {
   // Writes what the costs say.
   Child join(const std::vector<Fork>& forks, size_t top, int depth, Local& out) const {
     if (depth > kMaxTreeDepth / 2) return even_tree(forks[top].part, depth, out);
-    if (forks[top].right == 0) return leaf(forks[top].part, out);
+    if (forks[top].part.size <= kLeafSize) return leaf(forks[top].part, out);
     size_t child[16];
     int count = 0;
     const auto gather = [&](const auto& self, size_t f, size_t children) -> void {
