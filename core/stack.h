@@ -10,12 +10,20 @@ inline constexpr u32 kStackSize = 15 * kMaxTreeDepth + 1;
 
 #if defined(__AVX512F__)
 
-// In registers, and without branches where no more than four are put there: how many boxes a ray
-// meets cannot be predicted.
+// Sorted in registers, and without branches where no more than four are put there: how many boxes a
+// ray meets cannot be predicted.
 class Stack {
  public:
-  // A bit for each child in `hits`; near: where the ray enters its box.
-  PH_INLINE void push(const Node& node, const Lanes& near, u32 hits) {
+  // Apart, so that how many there are can stay in a register.
+  struct Room {
+    u32 near[kStackSize + 15];  // whole registers are written
+    Child child[kStackSize + 15];
+  };
+  PH_INLINE explicit Stack(Room& room) : near_(room.near), child_(room.child) {}
+
+  // Children of a node, a bit for each in `hits`, of which there are two or more; near: where the
+  // ray enters their boxes. Returns the nearest, which is not put there.
+  PH_INLINE Child push(const Node& node, const Lanes& near, u32 hits) {
     // Of floats that are not negative the order is that of their bits. The last four give way to
     // the child's number, so the distances that are kept are less by that.
     const __m512i numbers = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
@@ -30,8 +38,8 @@ class Stack {
       _mm512_store_si512(key, found);
       for (u32 i = 0; i < count; ++i) {
         const __m512i one = _mm512_set1_epi32(static_cast<int>(key[i]));
-        const u32 nearer = _mm512_cmpgt_epu32_mask(found, one);
-        in_order[__builtin_popcount(nearer)] = key[i];
+        const u32 farther = _mm512_cmpgt_epu32_mask(found, one);
+        in_order[__builtin_popcount(farther)] = key[i];
       }
       sorted = _mm512_load_si512(in_order);
     }
@@ -44,13 +52,15 @@ class Stack {
       _mm_storeu_si128(reinterpret_cast<__m128i*>(child_ + size_),
                        _mm512_castsi512_si128(children));
     }
-    size_ += count;
+    size_ += count - 1;
+    return child_[size_];
   }
-  // In whatever order.
-  PH_INLINE void push(const Node& node, u32 hits) {
+  // In whatever order. True if `next` is one that is not put there.
+  PH_INLINE bool push(const Node& node, u32 hits, Child& /*next*/) {
     _mm512_storeu_si512(child_ + size_, _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits),
                                                                     _mm512_load_si512(node.child)));
     size_ += static_cast<u32>(__builtin_popcount(hits));
+    return false;
   }
 
   // False if there is none.
@@ -80,16 +90,21 @@ class Stack {
     return _mm_blend_epi32(_mm_max_epu32(a, d), _mm_min_epu32(a, d), 0b0100);
   }
 
+  u32* const near_;
+  Child* const child_;
   u32 size_ = 0;
-  u32 near_[kStackSize + 15];  // whole registers are written
-  Child child_[kStackSize + 15];
 };
 
 #else
 
 class Stack {
  public:
-  PH_INLINE void push(const Node& node, const Lanes& near, u32 hits) {
+  struct Room {
+    u64 entry[kStackSize];
+  };
+  PH_INLINE explicit Stack(Room& room) : first_(room.entry), top_(room.entry) {}
+
+  PH_INLINE Child push(const Node& node, const Lanes& near, u32 hits) {
     alignas(64) float at[16];
     store(at, near);
     u64* const start = top_;
@@ -101,19 +116,27 @@ class Stack {
       for (; place != start && place[-1] < e; --place) *place = place[-1];
       *place = e;
     });
+    return static_cast<Child>(*--top_);
   }
-  PH_INLINE void push(const Node& node, u32 hits) {
-    for_each_bit(hits, [&](u32 k) { *top_++ = node.child[k]; });
+  PH_INLINE bool push(const Node& node, u32 hits, Child& next) {
+    if (hits == 0) return false;
+    u32 k = lowest_bit(hits);
+    while ((hits &= hits - 1) != 0) {
+      *top_++ = node.child[k];
+      k = lowest_bit(hits);
+    }
+    next = node.child[k];
+    return true;
   }
 
   PH_INLINE bool pop(Child& child) {
-    if (top_ == entry_) return false;
+    if (top_ == first_) return false;
     child = static_cast<Child>(*--top_);
     return true;
   }
   PH_INLINE bool pop(Child& child, float limit) {
     do {
-      if (top_ == entry_) return false;
+      if (top_ == first_) return false;
       --top_;
     } while (!(__builtin_bit_cast(float, static_cast<u32>(*top_ >> 32)) <= limit));
     child = static_cast<Child>(*top_);
@@ -121,8 +144,8 @@ class Stack {
   }
 
  private:
-  u64 entry_[kStackSize];
-  u64* top_ = entry_;
+  u64* const first_;
+  u64* top_;
 };
 
 #endif

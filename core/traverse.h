@@ -124,38 +124,53 @@ PH_INLINE bool test_leaf(const SceneView& scene, Child leaf, const Ray& ray, Nea
   compiler::unreachable();
 }
 
-// Bit i: the ray meets child i's box before `limit`; near: where.
-PH_INLINE u32 test_boxes(const Node& node, const Ray& ray, Vec3 inverse, const u32 (&sign)[3],
-                         float limit, Lanes& near) {
+// What the box test wants to know of a ray.
+struct Slabs {
+  Vec3 origin, inverse;
+  Vec3 farther;  // the inverse, with the slack
+  u32 sign[3];
+};
+
+PH_INLINE Slabs slabs_of(const Ray& ray) {
+  const Vec3 d = ray.direction, inverse = {1.0f / d.x, 1.0f / d.y, 1.0f / d.z};
+  return {ray.origin,
+          inverse,
+          inverse * kSlabSlack,
+          {inverse.x < 0.0f, inverse.y < 0.0f, inverse.z < 0.0f}};
+}
+
+// Bit i: the ray meets child i's box before `limit`, which has the slack; near: where.
+PH_INLINE u32 test_boxes(const Node& node, const Slabs& ray, float limit, Lanes& near) {
   const float (*bound)[16] = node.low;  // low and high are one array of six rows
-  const Lanes x0 = (load(bound[0 + 3 * sign[0]]) - all(ray.origin.x)) * all(inverse.x);
-  const Lanes x1 = (load(bound[3 - 3 * sign[0]]) - all(ray.origin.x)) * all(inverse.x);
-  const Lanes y0 = (load(bound[1 + 3 * sign[1]]) - all(ray.origin.y)) * all(inverse.y);
-  const Lanes y1 = (load(bound[4 - 3 * sign[1]]) - all(ray.origin.y)) * all(inverse.y);
-  const Lanes z0 = (load(bound[2 + 3 * sign[2]]) - all(ray.origin.z)) * all(inverse.z);
-  const Lanes z1 = (load(bound[5 - 3 * sign[2]]) - all(ray.origin.z)) * all(inverse.z);
+  const Vec3 o = ray.origin, in = ray.inverse, out = ray.farther;
+  const Lanes x0 = (load(bound[0 + 3 * ray.sign[0]]) - all(o.x)) * all(in.x);
+  const Lanes x1 = (load(bound[3 - 3 * ray.sign[0]]) - all(o.x)) * all(out.x);
+  const Lanes y0 = (load(bound[1 + 3 * ray.sign[1]]) - all(o.y)) * all(in.y);
+  const Lanes y1 = (load(bound[4 - 3 * ray.sign[1]]) - all(o.y)) * all(out.y);
+  const Lanes z0 = (load(bound[2 + 3 * ray.sign[2]]) - all(o.z)) * all(in.z);
+  const Lanes z1 = (load(bound[5 - 3 * ray.sign[2]]) - all(o.z)) * all(out.z);
   // A ray within a box's plane makes 0 * inf = NaN, which min and max then pass over.
   near = max(x0, max(y0, max(z0, all(0.0f))));
-  const Lanes last = min(x1, min(y1, min(z1, all(limit)))) * all(kSlabSlack);
-  return bits(near <= last);
+  return bits(near <= min(x1, min(y1, min(z1, all(limit)))));
 }
 
 template <bool kAny, bool kInside>
 inline bool walk_tree(const SceneView& scene, Child root, const Ray& ray, NearestHit& best) {
-  const Vec3 inverse = {1.0f / ray.direction.x, 1.0f / ray.direction.y, 1.0f / ray.direction.z};
-  const u32 sign[3] = {inverse.x < 0.0f, inverse.y < 0.0f, inverse.z < 0.0f};
-  Stack stack;
+  const Slabs slabs = slabs_of(ray);
+  Stack::Room room;
+  Stack stack(room);
   for (Child child = root;;) {
     if (child & kLeafBit) {
       if (test_leaf<kAny, kInside>(scene, child, ray, best)) return true;
     } else {
       const Node& node = scene.nodes[child];
       Lanes near;
-      const u32 hits = test_boxes(node, ray, inverse, sign, best.hit.t, near);
+      const u32 hits = test_boxes(node, slabs, best.hit.t * kSlabSlack, near);
       if constexpr (kAny) {
-        stack.push(node, hits);
+        if (stack.push(node, hits, child)) continue;
       } else if ((hits & (hits - 1)) != 0) {
-        stack.push(node, near, hits);
+        child = stack.push(node, near, hits);
+        continue;
       } else if (hits != 0) {  // what is next need not wait for the stack
         child = node.child[lowest_bit(hits)];
         continue;
