@@ -14,9 +14,6 @@ from typing import Any
 
 import numpy as np
 
-import parhelion as ph
-
-from . import gallery
 from .process import Worker
 from .scenes import BenchError
 from .summary import Row, ratios
@@ -110,13 +107,21 @@ def write(path: Path, shape: str, count: int) -> None:
 
 
 def write_scene(path: Path, name: str) -> None:
-    """All triangles of a scene of the gallery, and its camera's rays, as write() does."""
+    """The meshes of a scene of the gallery and rays of a pinhole as its camera's, as write() does.
+
+    Raises BenchError if they cannot be had.
+    """
+    import parhelion as ph
+
+    from . import gallery  # which the worker of another program does not need
+
     scene = gallery.load(name, SIDE * SIDE)
     meshes = [shape for shape in scene.shapes if isinstance(shape, ph.Mesh)]
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
     camera = scene.camera
-    assert isinstance(camera, ph.Camera)
+    if not isinstance(camera, ph.Camera) or camera.vfov is None:
+        raise BenchError("its camera has no vfov")
     eye = np.array(camera.eye)
     towards = np.array(camera.target) - eye
     right = np.cross(towards, camera.up)

@@ -79,7 +79,7 @@ inline void walk_together(const SceneView& scene, Child root, u32 lanes, const R
                           Packet& rays) {
   // An entry is a node's index times sixteen and the child's lane there, since the child's box is
   // looked at once more, and in the upper half the bits of its distance.
-  u64 stack[15 * kMaxTreeDepth + 1];
+  u64 stack[kStackSize];
   u64* top = stack;
   Child inner = root;
   float limit = kInfinity;

@@ -1,11 +1,12 @@
 // What a ray is still to visit of a tree. Of the children that one node puts there the nearest lies
-// on top.
+// on top, or, where any hit will do, the node's last.
 #pragma once
 #include "view.h"
 
 namespace parhelion::PH_ISA {
 
-// A level of nodes leaves at most fifteen behind, since one is gone to.
+// A level of nodes leaves at most fifteen behind, since one is gone to; the last may write sixteen,
+// a whole register.
 inline constexpr u32 kStackSize = 15 * kMaxTreeDepth + 1;
 
 #if defined(__AVX512F__)
@@ -16,8 +17,8 @@ class Stack {
  public:
   // Apart, so that how many there are can stay in a register.
   struct Room {
-    u32 near[kStackSize + 15];  // whole registers are written
-    Child child[kStackSize + 15];
+    u32 near[kStackSize];
+    Child child[kStackSize];
   };
   PH_INLINE explicit Stack(Room& room) : near_(room.near), child_(room.child) {}
 
@@ -55,7 +56,7 @@ class Stack {
     size_ += count - 1;
     return child_[size_];
   }
-  // In whatever order. True if `next` is one that is not put there.
+  // In their order in the node. True if `next` is the last, which then is not put there.
   PH_INLINE bool push(const Node& node, u32 hits, Child& /*next*/) {
     _mm512_storeu_si512(child_ + size_, _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits),
                                                                     _mm512_load_si512(node.child)));

@@ -127,7 +127,7 @@ PH_INLINE bool test_leaf(const SceneView& scene, Child leaf, const Ray& ray, Nea
 // What the box test wants to know of a ray.
 struct Slabs {
   Vec3 origin, inverse;
-  Vec3 farther;  // the inverse, with the slack
+  Vec3 inverse_far;  // with the slack, for where boxes are left
   u32 sign[3];
 };
 
@@ -142,7 +142,7 @@ PH_INLINE Slabs slabs_of(const Ray& ray) {
 // Bit i: the ray meets child i's box before `limit`, which has the slack; near: where.
 PH_INLINE u32 test_boxes(const Node& node, const Slabs& ray, float limit, Lanes& near) {
   const float (*bound)[16] = node.low;  // low and high are one array of six rows
-  const Vec3 o = ray.origin, in = ray.inverse, out = ray.farther;
+  const Vec3 o = ray.origin, in = ray.inverse, out = ray.inverse_far;
   const Lanes x0 = (load(bound[0 + 3 * ray.sign[0]]) - all(o.x)) * all(in.x);
   const Lanes x1 = (load(bound[3 - 3 * ray.sign[0]]) - all(o.x)) * all(out.x);
   const Lanes y0 = (load(bound[1 + 3 * ray.sign[1]]) - all(o.y)) * all(in.y);

@@ -275,7 +275,7 @@ class TreeBuilder {
   // A cell of so many times the usual number of primitives is crowded.
   static constexpr size_t kCrowd = 4;
   // What a node costs in memory, as a share of what rays pay for the uppermost of its part, and
-  // what a leaf does, as a share of what they pay for one of its part.
+  // what a leaf does, as a share of the surface of an average leaf there.
   static constexpr float kNodeMemory = 0.01f, kLeafMemory = 0.2f;
   // What has been divided in two so often is halved from there on.
   static constexpr int kMostForks = 64;
@@ -863,8 +863,8 @@ class TreeBuilder {
     forks.reserve(kForksALeaf * (part.size / kLeafSize) + 1);
     const float area = part.box.half_area();
     const float leaves = static_cast<float>(part.size) / kLeafSize;
-    const float of_one = area / std::pow(leaves, 2.0f / 3.0f);  // as if they filled the part's box
-    fork(part, {area * kNodeMemory, of_one * kLeafMemory}, 0, forks);
+    const float leaf_area = area / std::pow(leaves, 2.0f / 3.0f);  // as if they filled the box
+    fork(part, {area * kNodeMemory, leaf_area * kLeafMemory}, 0, forks);
     return join(forks, 0, depth, out);
   }
 
@@ -891,9 +891,9 @@ class TreeBuilder {
     return static_cast<Child>(index);
   }
 
-  // A part divided in two, and those again, down to leaves; and what the best nodes of sixteen
-  // over it cost: cost[i] as up to i + 1 children of a node above. Of the children that it is
-  // given, the left half takes first[i], 0 if it is better a child itself.
+  // A part divided in two, and those again, down to leaves or halves of them; and what the best
+  // nodes of sixteen over it cost: cost[i] as up to i + 1 children of a node above. Of the children
+  // that it is given, the left half takes first[i], 0 if it is better a child itself.
   struct Fork {
     Part part;
     size_t right;  // index; the left one follows
@@ -901,14 +901,14 @@ class TreeBuilder {
     std::uint8_t first[16];
   };
 
-  // What they cost, however seldom rays visit them.
+  // What a node and a leaf cost, however seldom rays visit them, in units of surface.
   struct Memory {
     float node, leaf;
   };
 
-  static Fork leaf_fork(const Part& part) {
+  static Fork leaf_fork(const Part& part, Memory memory) {
     Fork f{part, 0, {}, {}};
-    std::fill(f.cost, f.cost + 15, part.box.half_area());
+    std::fill(f.cost, f.cost + 15, part.box.half_area() + memory.leaf);
     return f;
   }
 
@@ -917,20 +917,22 @@ class TreeBuilder {
   // above has room, as when something large lies beside what is small.
   static void fork(const Part& part, Memory memory, int levels, std::vector<Fork>& forks) {
     const size_t index = forks.size();
-    forks.push_back(leaf_fork(part));
-    if (part.size < 2) return;
+    forks.push_back(leaf_fork(part, memory));
+    const bool small = part.size <= kLeafSize;
+    // Centres that coincide stay together, unless there are more of them than a leaf holds.
+    if (part.size < 2 || (small && (part.is_point() || levels >= kMostForks))) return;
     Part left, right;
     if (levels < kMostForks) {
       split(part, left, right);
     } else {
       split_by_count(part, left, right);
     }
-    if (part.size <= kLeafSize) {
+    if (small) {
       const float two = left.box.half_area() + right.box.half_area();
       if (!(two + memory.leaf < part.box.half_area())) return;
-      forks.push_back(leaf_fork(left));
+      forks.push_back(leaf_fork(left, memory));
       forks[index].right = forks.size();
-      forks.push_back(leaf_fork(right));
+      forks.push_back(leaf_fork(right, memory));
     } else {
       fork(left, memory, levels + 1, forks);
       forks[index].right = forks.size();
@@ -948,7 +950,7 @@ class TreeBuilder {
       }
       return least;
     };
-    if (part.size > kLeafSize) {
+    if (!small) {
       f.cost[0] = best(16, f.first[15]) + part.box.half_area() + memory.node;
     }
     for (int children = 2; children < 16; ++children) {

@@ -846,6 +846,26 @@ def test_spheres_that_coincide_are_one(material: str) -> None:
     np.testing.assert_array_equal(picture(1), picture(5))
 
 
+def test_spheres_that_coincide_are_one_among_others_that_cross_them() -> None:
+    others = np.random.default_rng(1).uniform(1, 1.8, (960, 3))  # so that the tree has forks
+    material = ph.Material("diffuse")
+
+    def picture(twin: bool) -> np.ndarray:
+        ball = ph.Spheres([[0, 0, 0]], 0.1, material)
+        rods = [
+            ph.Cylinders([[-x for x in end]], [end], 0.03, material=material)
+            for end in ([0.5, 0, 0], [0, 0.5, 0])
+        ]
+        shapes = [ball, rods[0], *[ball] * twin, rods[1]]
+        far = ph.Spheres(others, 0.01)
+        camera = ph.Camera(eye=(0.3, 0.25, 2), target=(0, 0, 0), vfov=8)
+        background = ph.Background("constant")
+        scene = ph.Scene([*shapes, far], camera=camera, background=background)
+        return ph.render(scene, width=32, height=32, spp=4).pixels
+
+    np.testing.assert_array_equal(picture(False), picture(True))
+
+
 def test_material_names_for_each_sphere() -> None:
     materials = {
         "a": ph.Material("diffuse"),
