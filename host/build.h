@@ -279,8 +279,8 @@ class TreeBuilder {
   static constexpr float kNodeMemory = 0.01f, kLeafMemory = 0.2f;
   // What has been divided in two so often is halved from there on.
   static constexpr int kMostForks = 64;
-  // Of a leaf there are so many forks: itself, what it may be divided in, and what lies above.
-  static constexpr size_t kForksALeaf = 4;
+  // For sixteen primitives there are so many forks, as a rule: a leaf, and what lies above it.
+  static constexpr size_t kForksALeaf = 2;
   // Primitives are fetched so many before they are looked at.
   static constexpr size_t kAhead = 16;
   static constexpr size_t kNoNode = std::numeric_limits<size_t>::max();
