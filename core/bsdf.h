@@ -14,10 +14,11 @@
 //   evaluate(m, wo, wi)     eval and pdf, as `value` and `pdf`, if they are cheaper together
 //   albedo(m)               for features, if the colour is not good enough
 //   emitted(m)              radiance, only if it shines
-//   Plain                   if most surfaces of its kind need but few of its parameters: these.
-//                           Where is_plain(m), sample and evaluate say the same of whole(plain(m))
-//                           as of m, without branches, once a compiler knows the parameters that
-//                           Plain lacks: they become vectors for sixteen paths at once
+//   Plain                   PlainForms<...>, if most surfaces of its kind need but few of its
+//                           parameters: structs F of these. Where F::fits(m), sample and evaluate
+//                           say the same of F::of(m).whole() as of m, without branches, once a
+//                           compiler knows the parameters that F lacks: they become vectors for
+//                           sixteen paths at once
 #pragma once
 #include "entry.h"
 #include "random.h"
@@ -51,6 +52,26 @@ PH_INLINE BsdfValue value_of(const Material& m, Vec3 wo, Vec3 wi) {
     return {both.value, both.pdf};
   } else {
     return {eval(m, wo, wi), pdf(m, wo, wi)};
+  }
+}
+
+// The forms in which materials of a type may be plain.
+template <class... Form>
+struct PlainForms {};
+
+inline constexpr u32 kMostPlainForms = 2;
+
+// Calls f.operator()<Form>(number) for each form in which a type of materials may be plain.
+template <class... Form, class F>
+PH_INLINE void for_each_form(PlainForms<Form...>, F&& f) {
+  static_assert(sizeof...(Form) <= kMostPlainForms);
+  u32 number = 0;
+  (f.template operator()<Form>(number++), ...);
+}
+template <class Material, class F>
+PH_INLINE void for_each_plain_form(F&& f) {
+  if constexpr (requires { typename Material::Plain; }) {
+    for_each_form(typename Material::Plain{}, f);
   }
 }
 

@@ -22,13 +22,14 @@ PH_INLINE Fresnel fresnel_dielectric(float cos_i, float eta) {
 
 // A metal of index eta + i k, relative to what surrounds it. Equations: M. Born and E. Wolf,
 // Principles of Optics, 14.4, in real numbers. eta = 0 reflects everything, exactly.
-inline float fresnel_conductor(float cos_i, float eta, float k) {
+PH_INLINE float fresnel_conductor(float cos_i, float eta, float k) {
   const float cos2 = cos_i * cos_i, sin2 = 1.0f - cos2;
   // (a + i b)^2 = (eta + i k)^2 - sin^2, of which a^2 would cancel where absorption prevails
   const float real = eta * eta - k * k - sin2;
   const float cross = 4.0f * eta * eta * k * k;
   const float size = sqrt(real * real + cross);
-  const float a2 = real > 0.0f ? 0.5f * (size + real) : 0.5f * cross / max(size - real, 1e-30f);
+  const float absorbed = 0.5f * cross / max(size - real, 1e-30f);
+  const float a2 = real > 0.0f ? 0.5f * (size + real) : absorbed;
   const float a = 2.0f * cos_i * sqrt(a2);
   const float s = (size + cos2 - a) / (size + cos2 + a);
   const float q = cos2 * size + sin2 * sin2;
@@ -36,7 +37,7 @@ inline float fresnel_conductor(float cos_i, float eta, float k) {
   return 0.5f * s * (1.0f + p);
 }
 
-inline Vec3 fresnel_conductor(float cos_i, Vec3 eta, Vec3 k) {
+PH_INLINE Vec3 fresnel_conductor(float cos_i, Vec3 eta, Vec3 k) {
   return {fresnel_conductor(cos_i, eta.x, k.x), fresnel_conductor(cos_i, eta.y, k.y),
           fresnel_conductor(cos_i, eta.z, k.z)};
 }

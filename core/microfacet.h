@@ -37,14 +37,18 @@ PH_INLINE Microfacets microfacets(float roughness, float anisotropy, float distr
 
 PH_INLINE bool smooth(const Microfacets& d) { return max(d.alpha_u, d.alpha_v) <= kSmoothAlpha; }
 
-// Density of normals per unit area of the mean surface and steradian.
-inline float normal_density(const Microfacets& d, Vec3 m) {
-  if (!(m.z > 0.0f)) return 0.0f;
-  const float x = m.x / d.alpha_u, y = m.y / d.alpha_v, z2 = m.z * m.z;
+// Most of what follows has no branches but for the distribution: with that known to a compiler,
+// loops over many surfaces become vectors. Compilers move what is selected into branches, which
+// loops with exp do not survive, so where something is 0 it is multiplied by 0.
+
+// Density of normals per unit area of the mean surface and steradian; m.z >= 0.
+PH_INLINE float normal_density(const Microfacets& d, Vec3 m) {
+  const float x = m.x / d.alpha_u, y = m.y / d.alpha_v, z2 = m.z * m.z + 1e-37f;
   const float area = kPi * d.alpha_u * d.alpha_v;
   const float r2 = x * x + y * y;
   if (d.distribution == Facets::ggx) return 1.0f / (area * (r2 + z2) * (r2 + z2));
-  return exp(-r2 / z2) / (area * z2 * z2);
+  // e^-104 is 0
+  return exp_within(-r2 / max(z2, r2 * (1.0f / 104.0f))) / (area * z2 * z2);
 }
 
 // Smith's G1: the share of a microsurface's facing area that is visible from w. Without branches.
@@ -56,56 +60,55 @@ PH_INLINE float visible_share(Facets distribution, const Microfacets& d, Vec3 w)
   return a / (0.5f * a * (1.0f + erf_within(a)) + exp_within(-a * a) * (0.5f / 1.77245385f));
 }
 
-inline float visible_share(const Microfacets& d, Vec3 w) {
+PH_INLINE float visible_share(const Microfacets& d, Vec3 w) {
   return visible_share(d.distribution, d, w);
 }
 
 // Density of the normals visible from wo, per steradian: that of sample_visible_normal.
-inline float visible_density(const Microfacets& d, Vec3 wo, Vec3 m) {
-  const float facing = dot(wo, m);
-  if (!(facing > 0.0f)) return 0.0f;
-  return normal_density(d, m) * visible_share(d, wo) * facing / wo.z;
+PH_INLINE float visible_density(const Microfacets& d, Vec3 wo, Vec3 m) {
+  return normal_density(d, m) * visible_share(d, wo) * max(dot(wo, m), 0.0f) / wo.z;
 }
 
 // The slope towards a viewer at the angle whose cosine and sine are given, of a Beckmann surface of
-// alpha 1: the root of its cumulative distribution, by Newton's method within a bracket that each
-// step narrows. Distribution: Heitz and d'Eon, "Importance Sampling Microfacet-Based BSDFs using
-// the Distribution of Visible Normals", EGSR 2014.
-inline float visible_beckmann_slope(float cosine, float sine, float u) {
-  constexpr float kInvTwoSqrtPi = 0.282094792f, kInvSqrtPi = 0.564189584f;
-  const float cot = min(cosine / max(sine, 1e-20f), 4.0f);  // erf(4) is 1 in float
-  const float erf_cot = erf(cot), tail = exp(-cot * cot);
-  // cumulative(q) of slopes in (-cot, q), times a constant
+// alpha 1: where its cumulative distribution is u. In erf of the slope that is a smooth and convex
+// function, and what a viewer from above and one along the surface see makes a first guess, after
+// which two of Chebyshev's steps are enough. Bounds are no constants, of which compilers would make
+// branches. Distribution: Heitz and d'Eon, "Importance Sampling Microfacet-Based BSDFs using the
+// Distribution of Visible Normals", EGSR 2014; in erf: W. Jakob, "An Improved Visible Normal
+// Sampling Routine for the Beckmann Distribution", 2014.
+PH_INLINE float visible_beckmann_slope(float cosine, float sine, float u) {
+  constexpr float kInvTwoSqrtPi = 0.282094792f, kMost = 1.0f - 0x1p-24f;
+  const float cot = cosine / max(sine, 0.25f * cosine);  // erf(4) is 1 in float
+  const float erf_cot = erf_within(cot), tail = exp_within(-cot * cot);
+  // cumulative(x) of slopes whose erf is in (-erf_cot, x), times a constant
   const float total = 0.5f * cosine * (1.0f + erf_cot) + sine * kInvTwoSqrtPi * tail;
-  const float target = u * total;
-  float low = -cot, high = 4.0f;
-  // The slope if facets were all equally visible
-  float q = clamp(erf_inverse((1.0f + erf_cot) * u - erf_cot), low, high);
-  for (int i = 0; i < 24; ++i) {
-    const float e = exp(-q * q);
-    const float value = 0.5f * cosine * (erf(q) + erf_cot) + sine * kInvTwoSqrtPi * (tail - e);
-    (value < target ? low : high) = q;
-    const float slope = (cosine + q * sine) * e * kInvSqrtPi;
-    const float newton = q + (target - value) / slope;
-    const float next = newton > low && newton < high ? newton : 0.5f * (low + high);
-    if (abs(next - q) < 1e-6f) return next;
-    q = next;
+  const float target = u * total, least = erf_cot * -kMost;
+  float x = max(((1.0f + erf_cot) * (u + sine * (sqrt(u) - u)) - erf_cot) * kMost, least);
+  for (int i = 0; i < 2; ++i) {
+    const float q = erf_inverse_within(x), e = exp_within(-q * q);
+    const float value = 0.5f * cosine * (x + erf_cot) + sine * kInvTwoSqrtPi * (tail - e);
+    const float slope = 0.5f * (cosine + q * sine) + 1e-6f;
+    const float newton = (value - target) / slope;
+    // half the second derivative over the first, times the step; bounded where that is next to 0
+    const float bend = 0.221556732f * sine / (e * slope) * newton;
+    const float next = x - newton * (1.0f + bend / (1.0f + abs(bend)));
+    x = max(min(next, 0.25f * x + 0.75f * kMost), least);
   }
-  return q;
+  return erf_inverse_within(x);
 }
 
 // A normal visible from wo. GGX: Dupuy and Benyoub, "Sampling Visible GGX Normals with Spherical
 // Caps", HPG 2023.
-inline Vec3 sample_visible_normal(const Microfacets& d, Vec3 wo, Vec2 u) {
+PH_INLINE Vec3 sample_visible_normal(const Microfacets& d, Vec3 wo, Vec2 u) {
   const Vec3 s = normalize(Vec3{d.alpha_u * wo.x, d.alpha_v * wo.y, wo.z});
   if (d.distribution == Facets::ggx) {
     // uniform over the cap of mirrored directions, z in (-s.z, 1]
     const Vec3 h = direction_at(u.y * (1.0f + s.z), u.x) + s;
-    return normalize(Vec3{d.alpha_u * h.x, d.alpha_v * h.y, max(h.z, 1e-7f)});
+    return normalize(Vec3{d.alpha_u * h.x, d.alpha_v * h.y, max(h.z, 1e-7f * s.z)});
   }
   const float sine = sqrt(s.x * s.x + s.y * s.y);
   const float along = visible_beckmann_slope(s.z, sine, u.x);
-  const float across = clamp(erf_inverse(2.0f * u.y - 1.0f), -4.0f, 4.0f);
+  const float across = erf_inverse_within((2.0f * u.y - 1.0f) * (1.0f - 0x1p-24f));
   const float c = sine > 0.0f ? s.x / sine : 1.0f, v = sine > 0.0f ? s.y / sine : 0.0f;
   return normalize(
       Vec3{d.alpha_u * (c * along - v * across), d.alpha_v * (v * along + c * across), 1.0f});
@@ -114,11 +117,11 @@ inline Vec3 sample_visible_normal(const Microfacets& d, Vec3 wo, Vec2 u) {
 PH_INLINE Vec3 mirrored(Vec3 wo, Vec3 m) { return m * (2.0f * dot(wo, m)) - wo; }
 
 // What masking leaves of light that leaves a visible normal towards wi: G / G1(wo).
-inline float shadowing(const Microfacets& d, Vec3 wo, Vec3 wi, bool correlated) {
+PH_INLINE float shadowing(const Microfacets& d, Vec3 wo, Vec3 wi, bool correlated) {
   const float i = visible_share(d, wi);
   if (!correlated) return i;
-  const float o = visible_share(d, wo);
-  return i > 0.0f ? i / (o + i - o * i) : 0.0f;
+  const float o = visible_share(d, wo), both = i / (o + i - o * i);
+  return i > 0.0f ? both : 0.0f;
 }
 
 // Reflection
@@ -131,12 +134,10 @@ struct Reflection {
   float value, pdf;
 };
 
-inline Reflection reflection(const Microfacets& d, Vec3 wo, Vec3 wi, bool correlated) {
+PH_INLINE Reflection reflection(const Microfacets& d, Vec3 wo, Vec3 wi, bool correlated) {
   const Vec3 m = normalize(wo + wi);
-  const float facing = dot(wo, m);
-  if (!(facing > 0.0f)) return {m, 0.0f, 0.0f, 0.0f};
-  const float density = visible_density(d, wo, m) / (4.0f * facing);
-  return {m, facing, density * shadowing(d, wo, wi, correlated), density};
+  const float density = normal_density(d, m) * visible_share(d, wo) / (4.0f * wo.z);
+  return {m, max(dot(wo, m), 0.0f), density * shadowing(d, wo, wi, correlated), density};
 }
 
 // Tables, see tables/generate.py for what they hold and their coordinates.

@@ -6,10 +6,14 @@
 
 namespace parhelion::PH_ISA {
 
+template <Facets kDistribution>
+struct PlainConductor;
+
 struct Conductor {
   Vec3 color, eta, k;
   float roughness, anisotropy, distribution, compensation;
 
+  using Plain = PlainForms<PlainConductor<Facets::ggx>, PlainConductor<Facets::beckmann>>;
   static constexpr const char* doc = "metal by its complex index of refraction, smooth or rough";
   static constexpr ParamInfo params[] = {
       {"color", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "tint of the reflection"},
@@ -35,52 +39,63 @@ PH_INLINE Vec3 reflected(Vec3 share, float gain) {
   return {all(share.x), all(share.y), all(share.z)};
 }
 
+// Smooth, or of single bounces
+template <Facets kDistribution>
+struct PlainConductor {
+  Vec3 color, eta, k;
+  float roughness, anisotropy;
+
+  PH_INLINE static bool fits(const Conductor& m) {
+    return microfacets(m).distribution == kDistribution && (m.compensation > 0.5f || is_delta(m));
+  }
+  PH_INLINE static PlainConductor of(const Conductor& m) {
+    return {m.color, m.eta, m.k, m.roughness, m.anisotropy};
+  }
+  PH_INLINE Conductor whole() const {
+    return {color, eta, k, roughness, anisotropy, static_cast<float>(kDistribution), 1.0f};
+  }
+};
+
 struct ConductorValue {
   Vec3 value;
   float pdf;
 };
 
-inline ConductorValue evaluate(const Conductor& m, const Microfacets& d, Vec3 wo, Vec3 wi) {
-  if (!(wo.z * wi.z > 0.0f)) return {{0, 0, 0}, 0.0f};
-  wo.z = abs(wo.z);
+// Of a rough one
+PH_INLINE ConductorValue evaluate(const Conductor& m, const Microfacets& d, Vec3 wo, Vec3 wi) {
+  const float same_side = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
+  wo.z = max(abs(wo.z), 1e-30f);
   wi.z = abs(wi.z);
   const bool all = m.compensation < 0.5f;
   const Reflection r = reflection(d, wo, wi, all);
   Vec3 share = fresnel_conductor(min(r.facing, 1.0f), m.eta, m.k);
   if (all) share = reflected(share, metal_gain(d, wo) * metal_gain(d, wi));
-  return {m.color * share * r.value, r.pdf};
+  return {m.color * share * (same_side * r.value), same_side * r.pdf};
 }
 
-inline Vec3 eval(const Conductor& m, Vec3 wo, Vec3 wi) {
+PH_INLINE ConductorValue evaluate(const Conductor& m, Vec3 wo, Vec3 wi) {
   const Microfacets d = microfacets(m);
-  return smooth(d) ? Vec3{0, 0, 0} : evaluate(m, d, wo, wi).value;
+  const ConductorValue f = evaluate(m, d, wo, wi);
+  const float rough = smooth(d) ? 0.0f : 1.0f;
+  return {f.value * rough, f.pdf * rough};
 }
 
-inline float pdf(const Conductor& m, Vec3 wo, Vec3 wi) {
-  const Microfacets d = microfacets(m);
-  if (smooth(d) || !(wo.z * wi.z > 0.0f)) return 0.0f;
-  wo.z = abs(wo.z);
-  wi.z = abs(wi.z);
-  return reflection(d, wo, wi, false).pdf;
-}
+PH_INLINE Vec3 eval(const Conductor& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
+PH_INLINE float pdf(const Conductor& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
-inline bool sample(const Conductor& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+PH_INLINE bool sample(const Conductor& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   const Microfacets d = microfacets(m);
-  if (smooth(d)) {
-    out.wi = {-wo.x, -wo.y, wo.z};
-    out.weight = m.color * fresnel_conductor(abs(wo.z), m.eta, m.k);
-    out.delta = true;
-    return true;
-  }
-  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  out.wi = mirrored(above, sample_visible_normal(d, above, u.direction));
-  if (!(out.wi.z > 0.0f)) return false;
-  const ConductorValue f = evaluate(m, d, above, out.wi);
-  out.pdf = f.pdf;
-  if (!(out.pdf > 0.0f)) return false;
-  out.weight = f.value * (1.0f / f.pdf);
-  out.wi.z = copysign(out.wi.z, wo.z);
-  return true;
+  const bool delta = smooth(d);
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)}, mirror = {-wo.x, -wo.y, wo.z};
+  const Vec3 rough = mirrored(above, sample_visible_normal(d, above, u.direction));
+  const ConductorValue f = evaluate(m, d, above, rough);
+  const bool found = (rough.z > 0.0f) & (f.pdf > 0.0f);
+  const float smooth_share = delta ? 1.0f : 0.0f, scale = delta ? 0.0f : 1.0f / f.pdf;
+  out.wi = select(delta, mirror, Vec3{rough.x, rough.y, copysign(rough.z, wo.z)});
+  out.weight = m.color * fresnel_conductor(above.z, m.eta, m.k) * smooth_share + f.value * scale;
+  out.pdf = f.pdf * (1.0f - smooth_share);
+  out.delta = delta;
+  return delta | found;
 }
 
 }  // namespace parhelion::PH_ISA

@@ -15,7 +15,7 @@ struct Dielectric {
   Vec3 reflectance, transmittance;
   float dispersion;
 
-  using Plain = struct PlainDielectric;
+  using Plain = PlainForms<struct PlainDielectric>;
   static constexpr bool transmits = true;
   static constexpr u32 lobe_draws = 1;
   static constexpr const char* doc = "glass, smooth or frosted: reflects and refracts";
@@ -41,14 +41,15 @@ struct PlainDielectric {
   Vec3 color;
   float ior;
   Vec3 reflectance, transmittance;
+
+  PH_INLINE static bool fits(const Dielectric& m) { return m.roughness == 0.0f; }
+  PH_INLINE static PlainDielectric of(const Dielectric& m) {
+    return {m.color, m.ior, m.reflectance, m.transmittance};
+  }
+  PH_INLINE Dielectric whole() const {
+    return {color, ior, 0.0f, 0.0f, 0.0f, 0.0f, reflectance, transmittance, 0.0f};
+  }
 };
-PH_INLINE bool is_plain(const Dielectric& m) { return m.roughness == 0.0f; }
-PH_INLINE PlainDielectric plain(const Dielectric& m) {
-  return {m.color, m.ior, m.reflectance, m.transmittance};
-}
-PH_INLINE Dielectric whole(const PlainDielectric& m) {
-  return {m.color, m.ior, 0.0f, 0.0f, 0.0f, 0.0f, m.reflectance, m.transmittance, 0.0f};
-}
 
 // Refraction narrows a lobe by the contrast of the indices. That roughness 0 is smooth is said
 // apart for compilers, which know it of the plain form.

@@ -15,7 +15,7 @@ struct Diffuse {
   Vec3 color;
   float roughness;
 
-  using Plain = struct PlainDiffuse;
+  using Plain = PlainForms<struct PlainDiffuse>;
   static constexpr const char* doc = "matte, on both sides: Lambert's cosine law, or rough";
   static constexpr ParamInfo params[] = {
       {"color", 3, {0.8f, 0.8f, 0.8f}, 0.0f, 1.0f, "share of the light that is reflected"},
@@ -26,10 +26,11 @@ struct Diffuse {
 // Lambert's
 struct PlainDiffuse {
   Vec3 color;
+
+  PH_INLINE static bool fits(const Diffuse& m) { return m.roughness == 0.0f; }
+  PH_INLINE static PlainDiffuse of(const Diffuse& m) { return {m.color}; }
+  PH_INLINE Diffuse whole() const { return {color, 0.0f}; }
 };
-PH_INLINE bool is_plain(const Diffuse& m) { return m.roughness == 0.0f; }
-PH_INLINE PlainDiffuse plain(const Diffuse& m) { return {m.color}; }
-PH_INLINE Diffuse whole(const PlainDiffuse& m) { return {m.color, 0.0f}; }
 
 PH_INLINE bool is_delta(const Diffuse&) { return false; }
 

@@ -13,17 +13,17 @@ struct Metal {
   Vec3 color;
   float fuzz;
 
-  using Plain = Metal;
+  using Plain = PlainForms<Metal>;
   static constexpr const char* doc = "mirror, blurred by fuzz";
   static constexpr ParamInfo params[] = {
       {"color", 3, {0.8f, 0.8f, 0.8f}, 0.0f, 1.0f, "share of the light that is reflected"},
       {"fuzz", 1, {0.0f}, 0.0f, 1.0f, "0 a mirror; else the radius of the blurring sphere"},
   };
-};
 
-PH_INLINE bool is_plain(const Metal&) { return true; }
-PH_INLINE Metal plain(const Metal& m) { return m; }
-PH_INLINE Metal whole(const Metal& m) { return m; }
+  PH_INLINE static bool fits(const Metal&) { return true; }
+  PH_INLINE static Metal of(const Metal& m) { return m; }
+  PH_INLINE Metal whole() const { return *this; }
+};
 
 // A lobe narrower than this is treated as a mirror: its density would exceed 1e7.
 PH_INLINE bool is_delta(const Metal& m) { return m.fuzz < 1e-4f; }

@@ -4,10 +4,11 @@
 
 namespace parhelion::PH_ISA {
 
-// The paths, a bit for each, at surfaces of each type of material; and which of them are plain.
+// The paths, a bit for each, at surfaces of each type of material; and which of them are plain, in
+// the first form of their type that fits, the second, ...
 struct Kinds {
   u32 lanes[kMaterialKinds] = {};
-  u32 plain = 0, transmitting = 0;
+  u32 plain[kMostPlainForms] = {}, transmitting = 0;
 };
 
 // Calls f.operator()<Material>(lanes) for each type that there is.
@@ -21,19 +22,20 @@ PH_INLINE void for_each_kind(const Kinds& kinds, F&& f) {
 #undef MATERIAL
 }
 
-// Of the lanes at materials of one type: calls together(these) once for those that are plain, with
-// 1 for each, and alone(k) for each of the others.
+// Of the lanes at materials of one type: calls together.operator()<Form>(these) once for those of
+// each plain form, with 1 for each, and alone(k) for each of the others.
 template <class Material, class Together, class Alone>
 PH_INLINE void plain_and_others(const Kinds& kinds, u32 lanes, Together&& together, Alone&& alone) {
-  if constexpr (requires { typename Material::Plain; }) {
-    if ((lanes & kinds.plain) != 0) {
-      u32 these[kBatch];
-      spread(lanes & kinds.plain, these);
-      together(these);
-      lanes &= ~kinds.plain;
-    }
-  }
-  for_each_bit(lanes, alone);
+  u32 others = lanes;
+  for_each_plain_form<Material>([&]<class Form>(u32 number) {
+    const u32 plain = lanes & kinds.plain[number];
+    if (plain == 0) return;
+    u32 these[kBatch];
+    spread(plain, these);
+    together.template operator()<Form>(these);
+    others &= ~plain;
+  });
+  for_each_bit(others, alone);
 }
 
 }  // namespace parhelion::PH_ISA

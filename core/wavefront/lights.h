@@ -118,13 +118,17 @@ PH_APART inline void weigh_lights(Vertices& v) {
   }
 }
 
-template <class Material>
+template <class Form>
 PH_APART inline void value_of_plain(const u32 (&__restrict these)[kBatch], Vertices& __restrict v) {
+  // In a loop of its own, so that compilers do not move it into branches of the next.
+  Rows<BsdfValue, kBatch> all;
   for (u32 k = 0; k < kBatch; ++k) {
-    const auto material = whole(v.plain.at<typename Material::Plain>(k));
-    const BsdfValue f = value_of(material, v.local_wo.at(k), v.local_wi.at(k));
-    const BsdfValue before = v.scattered.at(k);
+    const auto material = v.plain.at<Form>(k).whole();
+    all.set(k, value_of(material, v.local_wo.at(k), v.local_wi.at(k)));
+  }
+  for (u32 k = 0; k < kBatch; ++k) {
     const bool own = these[k] != 0;
+    const BsdfValue f = all.at(k), before = v.scattered.at(k);
     v.scattered.set(k, BsdfValue{select(own, f.value, before.value), own ? f.pdf : before.pdf});
   }
 }
@@ -137,7 +141,7 @@ inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v)
   for_each_bit(lanes, [&](u32 k) { lit |= fits[k] << k; });
   for_each_kind(kinds, [&]<class Material>(u32 own) {
     plain_and_others<Material>(
-        kinds, own & lit, [&](const auto& these) { value_of_plain<Material>(these, v); },
+        kinds, own & lit, [&]<class Form>(const auto& these) { value_of_plain<Form>(these, v); },
         [&](u32 k) {
           const Material material = from_block<Material>(*v.block[k]);
           v.scattered.set(k, value_of(material, v.local_wo.at(k), v.local_wi.at(k)));

@@ -97,12 +97,11 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
       scattering |= 1u << k;
       const Material material = from_block<Material>(*v.block[k]);
       if (asks_for_light(scene) && !is_delta(material)) asking |= 1u << k;
-      if constexpr (requires { is_plain(material); }) {
-        if (is_plain(material)) {
-          kinds.plain |= 1u << k;
-          v.plain.set(k, plain(material));
-        }
-      }
+      for_each_plain_form<Material>([&]<class Form>(u32 number) {
+        if (!Form::fits(material)) return;
+        kinds.plain[number] |= 1u << k;
+        v.plain.set(k, Form::of(material));
+      });
     });
   });
   for (u32& own : kinds.lanes) own &= scattering;

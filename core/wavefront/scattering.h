@@ -15,26 +15,31 @@ struct Sampled {
     weight.set(k, s.weight);
     pdf[k] = s.pdf;
     eta[k] = s.eta;
-    delta[k] = s.delta;
-    is[k] = there;
+    delta[k] = s.delta ? 1u : 0u;
+    is[k] = there ? 1u : 0u;
   }
 };
 
-template <class Material>
+template <class Form>
 PH_APART inline void sample_plain(const u32 (&__restrict these)[kBatch],
                                   const Vertices& __restrict v, const BounceDraws& __restrict draws,
                                   Sampled& __restrict next) {
+  // In a loop of its own, so that compilers do not move it into branches of the next.
+  Sampled all;
   for (u32 k = 0; k < kBatch; ++k) {
-    const auto material = whole(v.plain.at<typename Material::Plain>(k));
+    const auto material = v.plain.at<Form>(k).whole();
     BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
     const bool there = sample(material, v.local_wo.at(k), draws.bsdf(k), s);
+    all.set(k, s, there);
+  }
+  for (u32 k = 0; k < kBatch; ++k) {
     const bool own = these[k] != 0;
-    next.wi.set(k, select(own, s.wi, next.wi.at(k)));
-    next.weight.set(k, select(own, s.weight, next.weight.at(k)));
-    next.pdf[k] = own ? s.pdf : next.pdf[k];
-    next.eta[k] = own ? s.eta : next.eta[k];
-    next.delta[k] = own ? (s.delta ? 1u : 0u) : next.delta[k];
-    next.is[k] = own ? (there ? 1u : 0u) : next.is[k];
+    next.wi.set(k, select(own, all.wi.at(k), next.wi.at(k)));
+    next.weight.set(k, select(own, all.weight.at(k), next.weight.at(k)));
+    next.pdf[k] = own ? all.pdf[k] : next.pdf[k];
+    next.eta[k] = own ? all.eta[k] : next.eta[k];
+    next.delta[k] = own ? all.delta[k] : next.delta[k];
+    next.is[k] = own ? all.is[k] : next.is[k];
   }
 }
 
@@ -87,7 +92,8 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
   Sampled next = {};
   for_each_kind(kinds, [&]<class Material>(u32 own) {
     plain_and_others<Material>(
-        kinds, own, [&](const auto& these) { sample_plain<Material>(these, v, draws, next); },
+        kinds, own,
+        [&]<class Form>(const auto& these) { sample_plain<Form>(these, v, draws, next); },
         [&](u32 k) {
           BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
           const Material material = from_block<Material>(*v.block[k]);
