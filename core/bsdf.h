@@ -14,6 +14,9 @@
 //   evaluate(m, wo, wi)     eval and pdf, as `value` and `pdf`, if they are cheaper together
 //   albedo(m)               for features, if the colour is not good enough
 //   emitted(m)              radiance, only if it shines
+//   prepare(m, wo)          a struct of what is worked out of m and wo alone, if that is much: then
+//                           evaluate(m, prepared, wo, wi) and sample(m, prepared, wo, u, out) say
+//                           the same as without it
 //   Plain                   PlainForms<...>, if most surfaces of its kind need but few of its
 //                           parameters: structs F of these. Where F::fits(m), sample and evaluate
 //                           say the same of F::of(m).whole() as of m, without branches, once a
@@ -54,6 +57,9 @@ PH_INLINE BsdfValue value_of(const Material& m, Vec3 wo, Vec3 wi) {
     return {eval(m, wo, wi), pdf(m, wo, wi)};
   }
 }
+
+template <class Material>
+inline constexpr bool kPrepares = requires(const Material& m) { prepare(m, Vec3{}); };
 
 // The forms in which materials of a type may be plain.
 template <class... Form>

@@ -328,14 +328,14 @@ inline float glass_albedo(const Microfacets& d, Vec3 w, float eta) {
 // may go into what it covers.
 struct Coat {
   Microfacets facets;
-  float eta;
+  float eta, place;  // place: index_coordinate(eta)
   bool smooth;
   Cubic index, alpha;
 };
 
 inline Coat make_coat(const Microfacets& d, float eta) {
-  return {d, eta, smooth(d), cubic(index_coordinate(eta), kIndices),
-          cubic(sqrt(d.alpha_u), kCoatAlphas)};
+  const float place = index_coordinate(eta);
+  return {d, eta, place, smooth(d), cubic(place, kIndices), cubic(sqrt(d.alpha_u), kCoatAlphas)};
 }
 
 inline Bounces coat_albedo(const Coat& c, Vec3 w) {
@@ -358,7 +358,7 @@ inline Bounces coat_albedo(const Coat& c, Vec3 w) {
 
 // The means over diffuse light, of isotropic coats: of what is reflected of light from outside,
 inline float coat_mean(const Coat& c) {
-  const float share = grid(kSmoothMean, cubic(index_coordinate(c.eta), kFineIndices));
+  const float share = grid(kSmoothMean, cubic(c.place, kFineIndices));
   if (c.smooth) return share;
   const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kCoatAlphas;
   return share - grid(kCoatMean + first, c.alpha, kCoatAlphas, c.index);

@@ -61,34 +61,49 @@ struct ConductorValue {
   float pdf;
 };
 
+// What it is seen from wo, on either side.
+struct SeenConductor {
+  Microfacets facets;
+  float gain;  // metal_gain(wo), where light that bounces between microfacets counts
+};
+
+PH_INLINE SeenConductor prepare(const Conductor& m, Vec3 wo) {
+  const Microfacets d = microfacets(m);
+  const bool all = m.compensation < 0.5f;
+  return {d, all && !smooth(d) ? metal_gain(d, {wo.x, wo.y, abs(wo.z)}) : 1.0f};
+}
+
 // Of a rough one
-PH_INLINE ConductorValue evaluate(const Conductor& m, const Microfacets& d, Vec3 wo, Vec3 wi) {
+PH_INLINE ConductorValue rough_value(const Conductor& m, const SeenConductor& seen, Vec3 wo,
+                                     Vec3 wi) {
   const float same_side = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
   wo.z = max(abs(wo.z), 1e-30f);
   wi.z = abs(wi.z);
   const bool all = m.compensation < 0.5f;
-  const Reflection r = reflection(d, wo, wi, all);
+  const Reflection r = reflection(seen.facets, wo, wi, all);
   Vec3 share = fresnel_conductor(min(r.facing, 1.0f), m.eta, m.k);
-  if (all) share = reflected(share, metal_gain(d, wo) * metal_gain(d, wi));
+  if (all) share = reflected(share, seen.gain * metal_gain(seen.facets, wi));
   return {m.color * share * (same_side * r.value), same_side * r.pdf};
 }
 
-PH_INLINE ConductorValue evaluate(const Conductor& m, Vec3 wo, Vec3 wi) {
-  const Microfacets d = microfacets(m);
-  const ConductorValue f = evaluate(m, d, wo, wi);
-  const float rough = smooth(d) ? 0.0f : 1.0f;
+PH_INLINE ConductorValue evaluate(const Conductor& m, const SeenConductor& seen, Vec3 wo, Vec3 wi) {
+  const ConductorValue f = rough_value(m, seen, wo, wi);
+  const float rough = smooth(seen.facets) ? 0.0f : 1.0f;
   return {f.value * rough, f.pdf * rough};
+}
+PH_INLINE ConductorValue evaluate(const Conductor& m, Vec3 wo, Vec3 wi) {
+  return evaluate(m, prepare(m, wo), wo, wi);
 }
 
 PH_INLINE Vec3 eval(const Conductor& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
 PH_INLINE float pdf(const Conductor& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
-PH_INLINE bool sample(const Conductor& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
-  const Microfacets d = microfacets(m);
-  const bool delta = smooth(d);
+PH_INLINE bool sample(const Conductor& m, const SeenConductor& seen, Vec3 wo, const BsdfDraws& u,
+                      BsdfSample& out) {
+  const bool delta = smooth(seen.facets);
   const Vec3 above = {wo.x, wo.y, abs(wo.z)}, mirror = {-wo.x, -wo.y, wo.z};
-  const Vec3 rough = mirrored(above, sample_visible_normal(d, above, u.direction));
-  const ConductorValue f = evaluate(m, d, above, rough);
+  const Vec3 rough = mirrored(above, sample_visible_normal(seen.facets, above, u.direction));
+  const ConductorValue f = rough_value(m, seen, above, rough);
   const bool found = (rough.z > 0.0f) & (f.pdf > 0.0f);
   const float smooth_share = delta ? 1.0f : 0.0f, scale = delta ? 0.0f : 1.0f / f.pdf;
   out.wi = select(delta, mirror, Vec3{rough.x, rough.y, copysign(rough.z, wo.z)});
@@ -96,6 +111,9 @@ PH_INLINE bool sample(const Conductor& m, Vec3 wo, const BsdfDraws& u, BsdfSampl
   out.pdf = f.pdf * (1.0f - smooth_share);
   out.delta = delta;
   return delta | found;
+}
+PH_INLINE bool sample(const Conductor& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+  return sample(m, prepare(m, wo), wo, u, out);
 }
 
 }  // namespace parhelion::PH_ISA

@@ -91,41 +91,57 @@ struct DielectricValue {
   float pdf;
 };
 
-inline DielectricValue evaluate(const Dielectric& m, const Microfacets& d, float eta, Vec3 wo,
-                                Vec3 wi) {
-  const DielectricLobe f = lobe(m, d, eta, wo, wi);
+// What it is seen from above, with the index eta of the side below over that above.
+struct SeenDielectric {
+  Microfacets facets;
+  float eta;
+  float albedo;  // of single bounces, where light that bounces on between microfacets counts
+};
+
+inline SeenDielectric seen_above(const Dielectric& m, const Microfacets& d, float eta, Vec3 wo) {
+  return {d, eta, m.compensation < 0.5f ? glass_albedo(d, wo, eta) : 1.0f};
+}
+
+// Of a rough one, from above
+inline DielectricValue rough_value(const Dielectric& m, const SeenDielectric& seen, Vec3 wo,
+                                   Vec3 wi) {
+  const DielectricLobe f = lobe(m, seen.facets, seen.eta, wo, wi);
   if (!(f.pdf > 0.0f)) return {{0, 0, 0}, 0.0f};
-  const bool all = m.compensation < 0.5f;
-  float left = shadowing(d, wo, wi, all);
-  if (all) left /= glass_albedo(d, wo, eta);
+  const float left = shadowing(seen.facets, wo, wi, m.compensation < 0.5f) / seen.albedo;
   return {f.tint * (f.pdf * left), f.pdf};
 }
 
-inline Vec3 eval(const Dielectric& m, Vec3 wo, Vec3 wi) {
+// From wo, on either side
+PH_INLINE SeenDielectric prepare(const Dielectric& m, Vec3 wo) {
   const Microfacets d = microfacets(m);
-  if (smooth(m, d)) return {0, 0, 0};
+  const float eta = wo.z > 0.0f ? m.ior : 1.0f / m.ior;
+  if (smooth(m, d)) return {d, eta, 1.0f};
+  return seen_above(m, d, eta, {wo.x, wo.y, abs(wo.z)});
+}
+
+PH_INLINE DielectricValue evaluate(const Dielectric& m, const SeenDielectric& seen, Vec3 wo,
+                                   Vec3 wi) {
+  if (smooth(m, seen.facets)) return {{0, 0, 0}, 0.0f};
   const float side = copysign(1.0f, wo.z);
   wo.z *= side;
   wi.z *= side;
-  return evaluate(m, d, side > 0.0f ? m.ior : 1.0f / m.ior, wo, wi).value;
+  return rough_value(m, seen, wo, wi);
+}
+PH_INLINE DielectricValue evaluate(const Dielectric& m, Vec3 wo, Vec3 wi) {
+  return evaluate(m, prepare(m, wo), wo, wi);
 }
 
-inline float pdf(const Dielectric& m, Vec3 wo, Vec3 wi) {
-  const Microfacets d = microfacets(m);
-  if (smooth(m, d)) return 0.0f;
-  const float side = copysign(1.0f, wo.z);
-  wo.z *= side;
-  wi.z *= side;
-  return lobe(m, d, side > 0.0f ? m.ior : 1.0f / m.ior, wo, wi).pdf;
-}
+PH_INLINE Vec3 eval(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
+PH_INLINE float pdf(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
-inline bool sample(const Dielectric& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
-  const Microfacets d = microfacets(m);
+PH_INLINE bool sample(const Dielectric& m, const SeenDielectric& seen, Vec3 wo, const BsdfDraws& u,
+                      BsdfSample& out) {
   const float side = copysign(1.0f, wo.z);
-  const float eta = side > 0.0f ? m.ior : 1.0f / m.ior;  // far side over near side
+  const float eta = seen.eta;  // far side over near side
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  const bool delta = smooth(m, d);
-  const Vec3 normal = delta ? Vec3{0, 0, 1} : sample_visible_normal(d, above, u.direction);
+  const bool delta = smooth(m, seen.facets);
+  const Vec3 normal =
+      delta ? Vec3{0, 0, 1} : sample_visible_normal(seen.facets, above, u.direction);
   const float facing = dot(above, normal);
   const Fresnel f = fresnel_dielectric(clamp(facing, 0.0f, 1.0f), eta);
   const bool reflects = u.lobe < f.reflected;
@@ -140,13 +156,16 @@ inline bool sample(const Dielectric& m, Vec3 wo, const BsdfDraws& u, BsdfSample&
   }
   out.wi = reflects ? mirrored(above, normal)
                     : normalize(normal * (facing * scale - f.cos_t) - above * scale);
-  const DielectricValue v = evaluate(m, d, eta, above, out.wi);
+  const DielectricValue v = rough_value(m, seen, above, out.wi);
   if ((out.wi.z > 0.0f) != reflects || !(v.pdf > 0.0f)) return false;
   out.pdf = v.pdf;
   out.weight = v.value * (1.0f / v.pdf);
   if (!reflects) out.eta = eta;
   out.wi.z *= side;
   return true;
+}
+PH_INLINE bool sample(const Dielectric& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+  return sample(m, prepare(m, wo), wo, u, out);
 }
 
 }  // namespace parhelion::PH_ISA

@@ -49,69 +49,84 @@ PH_INLINE float coat_chance(const Plastic& m, Bounces of) {
   return a + b > 0.0f ? a / (a + b) : 1.0f;
 }
 
+// What it is seen from wo, on either side.
+struct SeenPlastic {
+  Coat coat;
+  Bounces of;
+  float inside;  // share thrown back by the coat's inside
+  float chance;
+};
+
+inline SeenPlastic prepare(const Plastic& m, Vec3 wo) {
+  const Coat c = coat(m);
+  const Bounces of = coat_albedo(c, wo);
+  const bool once = !c.smooth && m.compensation > 0.5f;
+  const float inside = once ? coat_mean_within(c) : 1.0f - (1.0f - coat_mean(c)) / (m.ior * m.ior);
+  return {c, of, inside, coat_chance(m, of)};
+}
+
 struct PlasticValue {
   Vec3 value;  // f |cos|, without a smooth coat's mirror image
   float pdf;
 };
 
-// Both directions above the surface.
-inline PlasticValue evaluate(const Plastic& m, const Coat& c, Vec3 wo, Vec3 wi) {
-  const Bounces o = coat_albedo(c, wo), i = coat_albedo(c, wi);
-  const float chance = coat_chance(m, o);
+inline PlasticValue evaluate(const Plastic& m, const SeenPlastic& seen, Vec3 wo, Vec3 wi) {
+  if (!(wo.z * wi.z > 0.0f)) return {{0, 0, 0}, 0.0f};
+  wo.z = abs(wo.z);
+  wi.z = abs(wi.z);
+  const Coat& c = seen.coat;
+  const Bounces o = seen.of, i = coat_albedo(c, wi);
   float through = (1.0f - o.reflected) * (1.0f - i.reflected);
-  float inside = 1.0f - (1.0f - coat_mean(c)) / (m.ior * m.ior);
-  if (!c.smooth && m.compensation > 0.5f) {
-    through = o.refracted * i.refracted;
-    inside = coat_mean_within(c);
-  }
+  if (!c.smooth && m.compensation > 0.5f) through = o.refracted * i.refracted;
   const auto base = [&](float color) {
-    const float again = m.nonlinear < 0.5f ? inside : inside * color;
+    const float again = m.nonlinear < 0.5f ? seen.inside : seen.inside * color;
     return color / (1.0f - again);
   };
   const float cosine = cosine_hemisphere_pdf(wi);
   PlasticValue r = {Vec3{base(m.color.x), base(m.color.y), base(m.color.z)} *
                         (through * cosine / (m.ior * m.ior)),
-                    (1.0f - chance) * cosine};
+                    (1.0f - seen.chance) * cosine};
   if (!c.smooth) {
     const Reflection f = reflection(c.facets, wo, wi, false);
     const float share = fresnel_dielectric(min(f.facing, 1.0f), m.ior).reflected;
     r.value += m.specular * (share * f.value);
-    r.pdf += chance * f.pdf;
+    r.pdf += seen.chance * f.pdf;
   }
   return r;
 }
 
 inline PlasticValue evaluate(const Plastic& m, Vec3 wo, Vec3 wi) {
-  if (!(wo.z * wi.z > 0.0f)) return {{0, 0, 0}, 0.0f};
-  return evaluate(m, coat(m), {wo.x, wo.y, abs(wo.z)}, {wi.x, wi.y, abs(wi.z)});
+  return evaluate(m, prepare(m, wo), wo, wi);
 }
 
 inline Vec3 eval(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
 inline float pdf(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
-inline bool sample(const Plastic& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
-  const Coat c = coat(m);
+inline bool sample(const Plastic& m, const SeenPlastic& seen, Vec3 wo, const BsdfDraws& u,
+                   BsdfSample& out) {
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  const Bounces of = coat_albedo(c, above);
-  const float chance = coat_chance(m, of);
-  if (u.lobe < chance) {
-    if (c.smooth) {
+  if (u.lobe < seen.chance) {
+    if (seen.coat.smooth) {
       out.wi = {-wo.x, -wo.y, wo.z};
-      out.weight = m.specular * (of.reflected / chance);
+      out.weight = m.specular * (seen.of.reflected / seen.chance);
       out.delta = true;
       return true;
     }
-    out.wi = mirrored(above, sample_visible_normal(c.facets, above, u.direction));
+    out.wi = mirrored(above, sample_visible_normal(seen.coat.facets, above, u.direction));
   } else {
     out.wi = u.hemisphere;
   }
   if (!(out.wi.z > 0.0f)) return false;
-  const PlasticValue v = evaluate(m, c, above, out.wi);
+  const PlasticValue v = evaluate(m, seen, above, out.wi);
   if (!(v.pdf > 0.0f)) return false;
   out.pdf = v.pdf;
   out.weight = v.value * (1.0f / v.pdf);
   out.wi.z = copysign(out.wi.z, wo.z);
   return true;
+}
+
+inline bool sample(const Plastic& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+  return sample(m, prepare(m, wo), wo, u, out);
 }
 
 // Colour for pictures of albedo.

@@ -143,7 +143,8 @@ struct Layers {
   Coat coat;
   Diffuse body;
   Dielectric inner;
-  float eta;  // far side over near side
+  SeenDielectric seen_inner;
+  bool mirrors;  // there is metal or film
   float gain_o;
   Vec3 film, gloss, matte, glass;
   float metal, coat_weight;
@@ -172,19 +173,18 @@ PH_INLINE float scaled_index(float ior, float specular) {
   return ior >= 1.0f ? eta : 1.0f / eta;
 }
 
-inline Layers layers(const Principled& m, Vec3 world_wo) {
-  Layers l;
+inline Layers prepare(const Principled& m, Vec3 world_wo) {
+  Layers l = {};
   const float side = copysign(1.0f, world_wo.z);
   l.wo = to_facets(m, world_wo, side);
   const float roughness = max(m.roughness, kLeastRoughness);
   l.facets = microfacets(roughness, m.anisotropy, 0.0f);
-  l.coat = make_coat(microfacets(max(m.clearcoat_roughness, kLeastRoughness), 0.0f, 0.0f),
-                     m.clearcoat_ior);
   l.body = {m.color, m.diffuse_roughness};
   const float ior = scaled_index(m.ior, m.specular);
   l.inner = {{1, 1, 1}, ior, roughness, m.anisotropy, 0.0f, 0.0f, m.specular_color, m.color, 0.0f};
-  l.eta = side > 0.0f ? ior : 1.0f / ior;
-  l.gain_o = metal_gain(l.facets, l.wo);
+  const float eta = side > 0.0f ? ior : 1.0f / ior;  // far side over near side
+  l.mirrors = m.metallic > 0.0f || m.iridescence > 0.0f;
+  if (l.mirrors) l.gain_o = metal_gain(l.facets, l.wo);
 
   float under = 1.0f;
   const float sheen = max_component(m.sheen_color);
@@ -196,6 +196,8 @@ inline Layers layers(const Principled& m, Vec3 world_wo) {
   l.coat_weight = under * m.clearcoat;
   float coat_share = 0.0f;
   if (m.clearcoat > 0.0f) {
+    l.coat = make_coat(microfacets(max(m.clearcoat_roughness, kLeastRoughness), 0.0f, 0.0f),
+                       m.clearcoat_ior);
     coat_share = coat_albedo(l.coat, l.wo).reflected;
     under *= 1.0f - m.clearcoat * coat_share;
   }
@@ -230,6 +232,7 @@ inline Layers layers(const Principled& m, Vec3 world_wo) {
   for (u32 i = 0; i < kLobes; ++i) {
     l.chance[i] = sum > 0.0f ? share[i] / sum : static_cast<float>(i == 0);
   }
+  if (l.chance[kGlassLobe] > 0.0f) l.seen_inner = seen_above(l.inner, l.facets, eta, l.wo);
   return l;
 }
 
@@ -239,20 +242,22 @@ struct PrincipledValue {
 };
 
 // wi in the frame of l.wo.
-inline PrincipledValue evaluate(const Principled& m, const Layers& l, Vec3 wi) {
+inline PrincipledValue value_within(const Principled& m, const Layers& l, Vec3 wi) {
   PrincipledValue r = {{0, 0, 0}, 0.0f};
   if (l.chance[kGlassLobe] > 0.0f) {
-    const DielectricValue v = evaluate(l.inner, l.facets, l.eta, l.wo, wi);
+    const DielectricValue v = rough_value(l.inner, l.seen_inner, l.wo, wi);
     r = {l.glass * v.value, l.chance[kGlassLobe] * v.pdf};
   }
   if (!(wi.z > 0.0f) || !(l.wo.z > 0.0f)) return r;
 
   const Reflection f = reflection(l.facets, l.wo, wi, true);
   const float facing = min(f.facing, 1.0f);
-  const float gain = l.gain_o * metal_gain(l.facets, wi);
-  const Vec3 metal = reflected(lerp(m.color, {1, 1, 1}, schlick_weight(facing)), gain);
+  if (l.mirrors) {
+    const float gain = l.gain_o * metal_gain(l.facets, wi);
+    const Vec3 metal = reflected(lerp(m.color, {1, 1, 1}, schlick_weight(facing)), gain);
+    r.value += (metal * l.metal + l.film * gain) * f.value;
+  }
   const float gloss = fresnel_dielectric(facing, l.inner.ior).reflected;
-  r.value += (metal * l.metal + l.film * gain) * f.value;
   r.value += l.gloss * (gloss * f.pdf * visible_share(l.facets, wi));
   r.pdf += l.chance[kMirrorLobe] * f.pdf;
 
@@ -271,15 +276,19 @@ inline PrincipledValue evaluate(const Principled& m, const Layers& l, Vec3 wi) {
   return r;
 }
 
+inline PrincipledValue evaluate(const Principled& m, const Layers& l, Vec3 wo, Vec3 wi) {
+  return value_within(m, l, to_facets(m, wi, copysign(1.0f, wo.z)));
+}
+
 inline PrincipledValue evaluate(const Principled& m, Vec3 wo, Vec3 wi) {
-  return evaluate(m, layers(m, wo), to_facets(m, wi, copysign(1.0f, wo.z)));
+  return evaluate(m, prepare(m, wo), wo, wi);
 }
 
 inline Vec3 eval(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
 inline float pdf(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
-inline bool sample(const Principled& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
-  const Layers l = layers(m, wo);
+inline bool sample(const Principled& m, const Layers& l, Vec3 wo, const BsdfDraws& u,
+                   BsdfSample& out) {
   float left = u.lobe;
   u32 lobe = 0;
   while (lobe + 1 < kLobes && left >= l.chance[lobe]) left -= l.chance[lobe++];
@@ -294,23 +303,28 @@ inline bool sample(const Principled& m, Vec3 wo, const BsdfDraws& u, BsdfSample&
     case kGlassLobe: {
       const Vec3 n = sample_visible_normal(l.facets, l.wo, u.direction);
       const float facing = clamp(dot(l.wo, n), 0.0f, 1.0f);
-      const Fresnel f = fresnel_dielectric(facing, l.eta);
+      const float eta = l.seen_inner.eta;
+      const Fresnel f = fresnel_dielectric(facing, eta);
       const bool reflects = u.lobe2 < f.reflected;
       wi = reflects ? mirrored(l.wo, n)
-                    : normalize(n * (facing / l.eta - f.cos_t) - l.wo * (1.0f / l.eta));
+                    : normalize(n * (facing / eta - f.cos_t) - l.wo * (1.0f / eta));
       if ((wi.z > 0.0f) != reflects) return false;
-      if (!reflects) out.eta = l.eta;
+      if (!reflects) out.eta = eta;
       break;
     }
     default: wi = u.hemisphere;
   }
   if (lobe != kGlassLobe && !(wi.z > 0.0f)) return false;
-  const PrincipledValue v = evaluate(m, l, wi);
+  const PrincipledValue v = value_within(m, l, wi);
   if (!(v.pdf > 0.0f)) return false;
   out.pdf = v.pdf;
   out.weight = v.value * (1.0f / v.pdf);
   out.wi = from_facets(m, wi, copysign(1.0f, wo.z));
   return true;
+}
+
+inline bool sample(const Principled& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+  return sample(m, prepare(m, wo), wo, u, out);
 }
 
 }  // namespace parhelion::PH_ISA

@@ -144,7 +144,14 @@ inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v)
         kinds, own & lit, [&]<class Form>(const auto& these) { value_of_plain<Form>(these, v); },
         [&](u32 k) {
           const Material material = from_block<Material>(*v.block[k]);
-          v.scattered.set(k, value_of(material, v.local_wo.at(k), v.local_wi.at(k)));
+          const Vec3 wo = v.local_wo.at(k), wi = v.local_wi.at(k);
+          if constexpr (kPrepares<Material>) {
+            const auto& seen = v.prepared[k].template as<decltype(prepare(material, wo))>();
+            const auto both = evaluate(material, seen, wo, wi);
+            v.scattered.set(k, BsdfValue{both.value, both.pdf});
+          } else {
+            v.scattered.set(k, value_of(material, wo, wi));
+          }
         });
   });
   for_each_bit(lit, [&](u32 k) {

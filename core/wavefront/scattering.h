@@ -97,8 +97,15 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
         [&](u32 k) {
           BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
           const Material material = from_block<Material>(*v.block[k]);
-          const bool there = sample(material, v.local_wo.at(k), draws.bsdf(k), s);
-          next.set(k, s, there);
+          const Vec3 wo = v.local_wo.at(k);
+          if constexpr (kPrepares<Material>) {
+            const auto& seen = v.prepared[k].template as<decltype(prepare(material, wo))>();
+            const bool there = sample(material, seen, wo, draws.bsdf(k), s);
+            next.set(k, s, there);
+          } else {
+            const bool there = sample(material, wo, draws.bsdf(k), s);
+            next.set(k, s, there);
+          }
         });
   });
   u32 these[kBatch], goes[kBatch], on = 0;

@@ -9,6 +9,21 @@ struct PlainBlock {
   float value[12];
 };
 
+// What a material has worked out of where it is seen from (bsdf.h, prepare).
+struct alignas(16) PreparedBlock {
+  unsigned char bytes[384];
+
+  template <class Prepared>
+  PH_INLINE void set(const Prepared& prepared) {
+    static_assert(sizeof(Prepared) <= sizeof(bytes) && alignof(Prepared) <= 16);
+    compiler::copy(bytes, &prepared, sizeof(Prepared));
+  }
+  template <class Prepared>
+  PH_INLINE const Prepared& as() const {
+    return *reinterpret_cast<const Prepared*>(bytes);
+  }
+};
+
 // Where paths have met surfaces: what one step of a bounce hands on to the next.
 struct Vertices {
   // As in Surface
@@ -31,6 +46,7 @@ struct Vertices {
   const ParamBlock* block[kBatch];
   ParamBlock own[kBatch];
   Rows<PlainBlock, kBatch> plain;
+  PreparedBlock prepared[kBatch];
   Rows<Frame, kBatch> frame;  // in which the surface scatters
   Rows<Vec3, kBatch> local_wo;
   Rows<Receiver, kBatch> receiver;
