@@ -338,22 +338,33 @@ inline Coat make_coat(const Microfacets& d, float eta) {
   return {d, eta, place, smooth(d), cubic(place, kIndices), cubic(sqrt(d.alpha_u), kCoatAlphas)};
 }
 
-inline Bounces coat_albedo(const Coat& c, Vec3 w) {
-  const float z = min(abs(w.z), 1.0f), alpha = c.facets.alpha_u;
-  if (c.smooth) {
-    const float share = fresnel_dielectric(z, c.eta).reflected;
-    return {share, 1.0f - share};
+// What facets all at one angle would reflect, about as much as a rough coat does,
+PH_INLINE float coat_share(const Coat& c, float z) {
+  const float alpha = c.facets.alpha_u, sine2 = 1.0f - z * z;
+  return fresnel_dielectric(c.smooth ? z : sqrt(z * z + alpha * alpha * sine2), c.eta).reflected;
+}
+// and by how much an isotropic one differs from that.
+template <class T>
+PH_INLINE float coat_less(const Coat& c, float z, const T* table) {
+  constexpr u32 kRow = kCoatAngles, kPage = kCoatAlphas * kRow;
+  return grid(table + static_cast<u32>(c.facets.distribution) * kIndices * kPage,
+              cubic(angle_coordinate(z, c.facets.alpha_u), kCoatAngles), kPage, c.index, kRow,
+              c.alpha);
+}
+
+// The share of the light from w, on either side, that a coat reflects,
+inline float coat_reflected(const Coat& c, Vec3 w) {
+  const float z = min(abs(w.z), 1.0f), share = coat_share(c, z);
+  if (c.smooth) return share;
+  if (!isotropic(c.facets)) {
+    return count_bounces(c.facets, {w.x, w.y, z}, c.eta, false).reflected;
   }
-  if (!isotropic(c.facets)) return count_bounces(c.facets, {w.x, w.y, z}, c.eta, false);
-  const float share =
-      fresnel_dielectric(sqrt(z * z + alpha * alpha * (1.0f - z * z)), c.eta).reflected;
-  const u32 first = static_cast<u32>(c.facets.distribution) * kIndices * kCoatAlphas * kCoatAngles;
-  const Cubic x = cubic(angle_coordinate(z, alpha), kCoatAngles);
-  const auto less = [&](const auto* table) {
-    return grid(table + first, x, kCoatAlphas * kCoatAngles, c.index, kCoatAngles, c.alpha);
-  };
-  return {clamp(share - less(kCoatReflected), 0.0f, 1.0f),
-          clamp(1.0f - share - less(kCoatRefracted), 0.0f, 1.0f)};
+  return clamp(share - coat_less(c, z, kCoatReflected), 0.0f, 1.0f);
+}
+// and the share that an isotropic one lets in, in single bounces.
+inline float coat_refracted(const Coat& c, Vec3 w) {
+  const float z = min(abs(w.z), 1.0f), rest = 1.0f - coat_share(c, z);
+  return c.smooth ? rest : clamp(rest - coat_less(c, z, kCoatRefracted), 0.0f, 1.0f);
 }
 
 // The means over diffuse light, of isotropic coats: of what is reflected of light from outside,

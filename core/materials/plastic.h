@@ -42,27 +42,26 @@ PH_INLINE Coat coat(const Plastic& m) {
   return make_coat(microfacets(m.roughness, 0.0f, m.distribution), m.ior);
 }
 
-// Chance that a sample goes to the coat, given what it does with the light.
-PH_INLINE float coat_chance(const Plastic& m, Bounces of) {
-  const float through = m.compensation < 0.5f ? 1.0f - of.reflected : of.refracted;
-  const float a = (1.0f - through) * mean(m.specular), b = through * mean(m.color);
-  return a + b > 0.0f ? a / (a + b) : 1.0f;
+// What the coat lets in of the light from w, on either side.
+inline float let_in(const Plastic& m, const Coat& c, Vec3 w) {
+  return m.compensation < 0.5f ? 1.0f - coat_reflected(c, w) : coat_refracted(c, w);
 }
 
 // What it is seen from wo, on either side.
 struct SeenPlastic {
   Coat coat;
-  Bounces of;
+  float let_in;
   float inside;  // share thrown back by the coat's inside
-  float chance;
+  float chance;  // that a sample goes to the coat
 };
 
 inline SeenPlastic prepare(const Plastic& m, Vec3 wo) {
   const Coat c = coat(m);
-  const Bounces of = coat_albedo(c, wo);
+  const float through = let_in(m, c, wo);
   const bool once = !c.smooth && m.compensation > 0.5f;
   const float inside = once ? coat_mean_within(c) : 1.0f - (1.0f - coat_mean(c)) / (m.ior * m.ior);
-  return {c, of, inside, coat_chance(m, of)};
+  const float a = (1.0f - through) * mean(m.specular), b = through * mean(m.color);
+  return {c, through, inside, a + b > 0.0f ? a / (a + b) : 1.0f};
 }
 
 struct PlasticValue {
@@ -75,9 +74,7 @@ inline PlasticValue evaluate(const Plastic& m, const SeenPlastic& seen, Vec3 wo,
   wo.z = abs(wo.z);
   wi.z = abs(wi.z);
   const Coat& c = seen.coat;
-  const Bounces o = seen.of, i = coat_albedo(c, wi);
-  float through = (1.0f - o.reflected) * (1.0f - i.reflected);
-  if (!c.smooth && m.compensation > 0.5f) through = o.refracted * i.refracted;
+  const float through = seen.let_in * let_in(m, c, wi);
   const auto base = [&](float color) {
     const float again = m.nonlinear < 0.5f ? seen.inside : seen.inside * color;
     return color / (1.0f - again);
@@ -108,7 +105,7 @@ inline bool sample(const Plastic& m, const SeenPlastic& seen, Vec3 wo, const Bsd
   if (u.lobe < seen.chance) {
     if (seen.coat.smooth) {
       out.wi = {-wo.x, -wo.y, wo.z};
-      out.weight = m.specular * (seen.of.reflected / seen.chance);
+      out.weight = m.specular * (coat_reflected(seen.coat, wo) / seen.chance);
       out.delta = true;
       return true;
     }

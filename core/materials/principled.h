@@ -198,7 +198,7 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   if (m.clearcoat > 0.0f) {
     l.coat = make_coat(microfacets(max(m.clearcoat_roughness, kLeastRoughness), 0.0f, 0.0f),
                        m.clearcoat_ior);
-    coat_share = coat_albedo(l.coat, l.wo).reflected;
+    coat_share = coat_reflected(l.coat, l.wo);
     under *= 1.0f - m.clearcoat * coat_share;
   }
   const float metal = under * m.metallic, other = under - metal;
@@ -207,7 +207,7 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   // The body is matte from behind too.
   const float gloss_eta = max(ior, 1.0f / ior);
   const float gloss_share =
-      dull > 0.0f ? coat_albedo(make_coat(l.facets, gloss_eta), l.wo).reflected : 0.0f;
+      dull > 0.0f ? coat_reflected(make_coat(l.facets, gloss_eta), l.wo) : 0.0f;
   Vec3 on_metal = {0, 0, 0}, on_other = {0, 0, 0};
   if (m.iridescence > 0.0f) {
     on_metal = film_albedo(l.wo.z, m.iridescence_ior, m.iridescence_thickness,
