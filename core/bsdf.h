@@ -14,9 +14,9 @@
 //   evaluate(m, wo, wi)     eval and pdf, as `value` and `pdf`, if they are cheaper together
 //   albedo(m)               for features, if the colour is not good enough
 //   emitted(m)              radiance, only if it shines
-//   prepare(m, wo)          a struct of what is worked out of m and wo alone, if that is much: then
-//                           evaluate(m, prepared, wo, wi) and sample(m, prepared, wo, u, out) say
-//                           the same as without it
+//   prepare(m, wo)          a struct of what depends on m and wo alone, if that is much: then there
+//                           are evaluate(m, prepared, wo, wi) and sample(m, prepared, wo, u, out)
+//                           instead of those without it
 //   Plain                   PlainForms<...>, if most surfaces of its kind need but few of its
 //                           parameters: structs F of these. Where F::fits(m), sample and evaluate
 //                           say the same of F::of(m).whole() as of m, without branches, once a
@@ -59,7 +59,16 @@ PH_INLINE BsdfValue value_of(const Material& m, Vec3 wo, Vec3 wi) {
 }
 
 template <class Material>
-inline constexpr bool kPrepares = requires(const Material& m) { prepare(m, Vec3{}); };
+concept Prepares = requires(const Material& m) { prepare(m, Vec3{}); };
+
+template <Prepares Material>
+PH_INLINE auto evaluate(const Material& m, Vec3 wo, Vec3 wi) {
+  return evaluate(m, prepare(m, wo), wo, wi);
+}
+template <Prepares Material>
+PH_INLINE bool sample(const Material& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+  return sample(m, prepare(m, wo), wo, u, out);
+}
 
 // The forms in which materials of a type may be plain.
 template <class... Form>

@@ -31,7 +31,7 @@ PH_INLINE float fresnel_conductor(float cos_i, float eta, float k) {
   const float absorbed = 0.5f * cross / max(size - real, 1e-30f);
   const float a2 = real > 0.0f ? 0.5f * (size + real) : absorbed;
   const float a = 2.0f * cos_i * sqrt(a2);
-  const float s = (size + cos2 - a) / (size + cos2 + a);
+  const float s = (size + cos2 - a) / (size + cos2 + a + 1e-30f);
   const float q = cos2 * size + sin2 * sin2;
   const float p = (q - a * sin2) / max(q + a * sin2, 1e-30f);
   return 0.5f * s * (1.0f + p);

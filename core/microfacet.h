@@ -37,13 +37,15 @@ PH_INLINE Microfacets microfacets(float roughness, float anisotropy, float distr
 
 PH_INLINE bool smooth(const Microfacets& d) { return max(d.alpha_u, d.alpha_v) <= kSmoothAlpha; }
 
-// Most of what follows has no branches but for the distribution: with that known to a compiler,
-// loops over many surfaces become vectors. Compilers move what is selected into branches, which
-// loops with exp do not survive, so where something is 0 it is multiplied by 0.
+// What follows, up to the tables, has no branches but for the distribution and for correlated
+// heights: with these known to a compiler, loops over many surfaces become vectors. Compilers move
+// what is selected into branches, which loops with exp do not survive, so where something is 0 it
+// is multiplied by 0.
 
-// Density of normals per unit area of the mean surface and steradian; m.z >= 0.
+// Density of normals per unit area of the mean surface and steradian; m.z >= 0. Its square's square
+// must not be 0.
 PH_INLINE float normal_density(const Microfacets& d, Vec3 m) {
-  const float x = m.x / d.alpha_u, y = m.y / d.alpha_v, z2 = m.z * m.z + 1e-37f;
+  const float x = m.x / d.alpha_u, y = m.y / d.alpha_v, z2 = m.z * m.z + 1e-16f;
   const float area = kPi * d.alpha_u * d.alpha_v;
   const float r2 = x * x + y * y;
   if (d.distribution == Facets::ggx) return 1.0f / (area * (r2 + z2) * (r2 + z2));
@@ -51,7 +53,7 @@ PH_INLINE float normal_density(const Microfacets& d, Vec3 m) {
   return exp_within(-r2 / max(z2, r2 * (1.0f / 104.0f))) / (area * z2 * z2);
 }
 
-// Smith's G1: the share of a microsurface's facing area that is visible from w. Without branches.
+// Smith's G1: the share of a microsurface's facing area that is visible from w.
 PH_INLINE float visible_share(Facets distribution, const Microfacets& d, Vec3 w) {
   const float x = d.alpha_u * w.x, y = d.alpha_v * w.y, z = abs(w.z), r2 = x * x + y * y;
   if (distribution == Facets::ggx) return z > 0.0f ? 2.0f * z / (z + sqrt(z * z + r2)) : 0.0f;
@@ -87,7 +89,7 @@ PH_INLINE float visible_beckmann_slope(float cosine, float sine, float u) {
   for (int i = 0; i < 2; ++i) {
     const float q = erf_inverse_within(x), e = exp_within(-q * q);
     const float value = 0.5f * cosine * (x + erf_cot) + sine * kInvTwoSqrtPi * (tail - e);
-    const float slope = 0.5f * (cosine + q * sine) + 1e-6f;
+    const float slope = 0.5f * abs(cosine + q * sine) + 1e-6f;
     const float newton = (value - target) / slope;
     // half the second derivative over the first, times the step; bounded where that is next to 0
     const float bend = 0.221556732f * sine / (e * slope) * newton;
@@ -104,7 +106,7 @@ PH_INLINE Vec3 sample_visible_normal(const Microfacets& d, Vec3 wo, Vec2 u) {
   if (d.distribution == Facets::ggx) {
     // uniform over the cap of mirrored directions, z in (-s.z, 1]
     const Vec3 h = direction_at(u.y * (1.0f + s.z), u.x) + s;
-    return normalize(Vec3{d.alpha_u * h.x, d.alpha_v * h.y, max(h.z, 1e-7f * s.z)});
+    return normalize(Vec3{d.alpha_u * h.x, d.alpha_v * h.y, max(h.z, 1e-7f)});
   }
   const float sine = sqrt(s.x * s.x + s.y * s.y);
   const float along = visible_beckmann_slope(s.z, sine, u.x);
@@ -135,6 +137,7 @@ struct Reflection {
 };
 
 PH_INLINE Reflection reflection(const Microfacets& d, Vec3 wo, Vec3 wi, bool correlated) {
+  wo.z = max(wo.z, 1e-9f);  // opposite directions along the surface have no half vector
   const Vec3 m = normalize(wo + wi);
   const float density = normal_density(d, m) * visible_share(d, wo) / (4.0f * wo.z);
   return {m, max(dot(wo, m), 0.0f), density * shadowing(d, wo, wi, correlated), density};

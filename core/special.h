@@ -175,15 +175,7 @@ PH_INLINE float erfc_exponent(float a) {
                         a * (-2.183809690e-2f + a * (2.947666682e-3f - a * 1.863800862e-4f)))));
 }
 
-PH_INLINE float erf(float x) {
-  const float a = abs(x);
-  if (a <= 1.0f) return erf_reduced(x);
-  if (x != x) return x;
-  if (a >= 4.0f) return copysign(1.0f, x);  // to half a unit in the last place
-  return copysign(1.0f - exp(-erfc_exponent(a)), x);
-}
-
-// Without branches, for a in [0, 4], to 2e-7: what lies below 1 and what lies beyond, which is
+// erf, without branches, for a in [0, 4], to 2e-7: what lies below 1 and what lies beyond, which is
 // 1 - erf(1) less 1 - erf(a). Even minima would become branches.
 PH_INLINE float erf_within(float a) {
   const float sum = a + 1.0f, gap = abs(a - 1.0f);
@@ -216,12 +208,6 @@ PH_INLINE float erf_inverse_within(float y) {
                                s * (1.355891931e-3f +
                                     s * (1.043110969e-4f - s * 2.049753093e-4f)))))));
   return y * (w < 5.0f ? middle : tail);
-}
-
-// For any y; infinite at -1 and 1.
-PH_INLINE float erf_inverse(float y) {
-  if (abs(y) == 1.0f) return copysign(kInfinity, y);
-  return abs(y) < 1.0f ? erf_inverse_within(y) : kNan;
 }
 
 }  // namespace parhelion::PH_ISA

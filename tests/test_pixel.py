@@ -21,7 +21,8 @@ DIFFUSE = ph.Material("diffuse", color=(0.8, 0.6, 0.4))
 
 def everything() -> ph.Scene:
     """Something of all that a path can do: glass in glass, a prism, holes, clear surfaces, blends,
-    copies, lamps of several shapes, lights without extent, a panorama.
+    all ways in which materials are worked out, copies, lamps of several shapes, lights without
+    extent, a panorama.
     """
     rng = np.random.default_rng(4)
     checker = ph.Texture("checker", color0=(0.0, 0.0, 0.0), color1=(1.0, 1.0, 1.0))
@@ -34,9 +35,15 @@ def everything() -> ph.Scene:
         ph.Material("null", color=(0.9, 0.5, 0.9)),
         ph.Material("blend", a=DIFFUSE, b=ph.Material("principled", transmission=0.5), weight=0.5),
         ph.Material("plastic", color=checker),
+        ph.Material("plastic", roughness=0.4, compensation="off"),
+        ph.Material("conductor", roughness=0.4, anisotropy=0.5, compensation="off"),
+        ph.Material("conductor", roughness=0.3, distribution="beckmann", compensation="off"),
+        ph.Material("conductor", roughness=0.5, color=checker),
+        ph.Material("dielectric", roughness=0.4, priority=1, dispersion=0.3),
+        ph.Material("principled", metallic=0.5, clearcoat=0.5, color=checker),
     ]
     shapes: list[Any] = [
-        ph.Spheres(rng.uniform(-2, 2, (12, 3)), rng.uniform(0.3, 0.7, 12), material=m, name=f"s{i}")
+        ph.Spheres(rng.uniform(-2, 2, (7, 3)), rng.uniform(0.3, 0.7, 7), material=m, name=f"s{i}")
         for i, m in enumerate(materials)
     ]
     lamp = ph.Material("emissive", radiance=(4.0, 3.0, 2.0))
@@ -67,7 +74,7 @@ def test_the_path_is_that_of_the_picture(scene: ph.Scene, more: dict[str, Any]) 
     events, ends, lights = set(), set(), set()
     for y in range(8):
         for x in range(12):
-            for sample in (0, 77) if scene.lights and not more else (5,):
+            for sample in (0, 5, 77) if scene.lights and not more else (5,):
                 path = ph.trace_pixel(prepared, x, y, sample, **settings)
                 alone = _core.one_sample(prepared.core, view, x, y, sample)
                 assert path.radiance == tuple(alone)

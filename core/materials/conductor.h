@@ -46,7 +46,8 @@ struct PlainConductor {
   float roughness, anisotropy;
 
   PH_INLINE static bool fits(const Conductor& m) {
-    return microfacets(m).distribution == kDistribution && (m.compensation > 0.5f || is_delta(m));
+    const Facets own = m.distribution < 0.5f ? Facets::ggx : Facets::beckmann;
+    return own == kDistribution && (m.compensation >= 0.5f || is_delta(m));
   }
   PH_INLINE static PlainConductor of(const Conductor& m) {
     return {m.color, m.eta, m.k, m.roughness, m.anisotropy};
@@ -61,7 +62,7 @@ struct ConductorValue {
   float pdf;
 };
 
-// What it is seen from wo, on either side.
+// A conductor as seen from wo, on either side: what does not depend on wi.
 struct SeenConductor {
   Microfacets facets;
   float gain;  // metal_gain(wo), where light that bounces between microfacets counts
@@ -77,7 +78,7 @@ PH_INLINE SeenConductor prepare(const Conductor& m, Vec3 wo) {
 PH_INLINE ConductorValue rough_value(const Conductor& m, const SeenConductor& seen, Vec3 wo,
                                      Vec3 wi) {
   const float same_side = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
-  wo.z = max(abs(wo.z), 1e-30f);
+  wo.z = abs(wo.z);
   wi.z = abs(wi.z);
   const bool all = m.compensation < 0.5f;
   const Reflection r = reflection(seen.facets, wo, wi, all);
@@ -90,9 +91,6 @@ PH_INLINE ConductorValue evaluate(const Conductor& m, const SeenConductor& seen,
   const ConductorValue f = rough_value(m, seen, wo, wi);
   const float rough = smooth(seen.facets) ? 0.0f : 1.0f;
   return {f.value * rough, f.pdf * rough};
-}
-PH_INLINE ConductorValue evaluate(const Conductor& m, Vec3 wo, Vec3 wi) {
-  return evaluate(m, prepare(m, wo), wo, wi);
 }
 
 PH_INLINE Vec3 eval(const Conductor& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
@@ -111,9 +109,6 @@ PH_INLINE bool sample(const Conductor& m, const SeenConductor& seen, Vec3 wo, co
   out.pdf = f.pdf * (1.0f - smooth_share);
   out.delta = delta;
   return delta | found;
-}
-PH_INLINE bool sample(const Conductor& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
-  return sample(m, prepare(m, wo), wo, u, out);
 }
 
 }  // namespace parhelion::PH_ISA

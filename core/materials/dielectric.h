@@ -91,7 +91,7 @@ struct DielectricValue {
   float pdf;
 };
 
-// What it is seen from above, with the index eta of the side below over that above.
+// Glass as seen from above, with the index eta of the side below over that above.
 struct SeenDielectric {
   Microfacets facets;
   float eta;
@@ -114,7 +114,7 @@ inline DielectricValue rough_value(const Dielectric& m, const SeenDielectric& se
 // From wo, on either side
 PH_INLINE SeenDielectric prepare(const Dielectric& m, Vec3 wo) {
   const Microfacets d = microfacets(m);
-  const float eta = wo.z > 0.0f ? m.ior : 1.0f / m.ior;
+  const float eta = copysign(1.0f, wo.z) > 0.0f ? m.ior : 1.0f / m.ior;
   if (smooth(m, d)) return {d, eta, 1.0f};
   return seen_above(m, d, eta, {wo.x, wo.y, abs(wo.z)});
 }
@@ -126,9 +126,6 @@ PH_INLINE DielectricValue evaluate(const Dielectric& m, const SeenDielectric& se
   wo.z *= side;
   wi.z *= side;
   return rough_value(m, seen, wo, wi);
-}
-PH_INLINE DielectricValue evaluate(const Dielectric& m, Vec3 wo, Vec3 wi) {
-  return evaluate(m, prepare(m, wo), wo, wi);
 }
 
 PH_INLINE Vec3 eval(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
@@ -163,9 +160,6 @@ PH_INLINE bool sample(const Dielectric& m, const SeenDielectric& seen, Vec3 wo, 
   if (!reflects) out.eta = eta;
   out.wi.z *= side;
   return true;
-}
-PH_INLINE bool sample(const Dielectric& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
-  return sample(m, prepare(m, wo), wo, u, out);
 }
 
 }  // namespace parhelion::PH_ISA

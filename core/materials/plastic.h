@@ -47,7 +47,7 @@ inline float let_in(const Plastic& m, const Coat& c, Vec3 w) {
   return m.compensation < 0.5f ? 1.0f - coat_reflected(c, w) : coat_refracted(c, w);
 }
 
-// What it is seen from wo, on either side.
+// Plastic as seen from wo, on either side: what does not depend on wi.
 struct SeenPlastic {
   Coat coat;
   float let_in;
@@ -92,10 +92,6 @@ inline PlasticValue evaluate(const Plastic& m, const SeenPlastic& seen, Vec3 wo,
   return r;
 }
 
-inline PlasticValue evaluate(const Plastic& m, Vec3 wo, Vec3 wi) {
-  return evaluate(m, prepare(m, wo), wo, wi);
-}
-
 inline Vec3 eval(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
 inline float pdf(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
 
@@ -120,10 +116,6 @@ inline bool sample(const Plastic& m, const SeenPlastic& seen, Vec3 wo, const Bsd
   out.weight = v.value * (1.0f / v.pdf);
   out.wi.z = copysign(out.wi.z, wo.z);
   return true;
-}
-
-inline bool sample(const Plastic& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
-  return sample(m, prepare(m, wo), wo, u, out);
 }
 
 // Colour for pictures of albedo.

@@ -140,12 +140,12 @@ enum Lobe : u32 { kMirrorLobe, kMatteLobe, kGlassLobe, kCoatLobe, kSheenLobe, kL
 struct Layers {
   Vec3 wo;
   Microfacets facets;
-  Coat coat;
+  Coat coat;  // if there is one
   Diffuse body;
   Dielectric inner;
-  SeenDielectric seen_inner;
-  bool mirrors;  // there is metal or film
-  float gain_o;
+  SeenDielectric seen_inner;  // if it is sampled
+  bool compensated;           // there is metal or film, and
+  float gain_o;               // metal_gain(wo)
   Vec3 film, gloss, matte, glass;
   float metal, coat_weight;
   float chance[kLobes];
@@ -183,8 +183,8 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   const float ior = scaled_index(m.ior, m.specular);
   l.inner = {{1, 1, 1}, ior, roughness, m.anisotropy, 0.0f, 0.0f, m.specular_color, m.color, 0.0f};
   const float eta = side > 0.0f ? ior : 1.0f / ior;  // far side over near side
-  l.mirrors = m.metallic > 0.0f || m.iridescence > 0.0f;
-  if (l.mirrors) l.gain_o = metal_gain(l.facets, l.wo);
+  l.compensated = m.metallic > 0.0f || m.iridescence > 0.0f;
+  if (l.compensated) l.gain_o = metal_gain(l.facets, l.wo);
 
   float under = 1.0f;
   const float sheen = max_component(m.sheen_color);
@@ -252,7 +252,7 @@ inline PrincipledValue value_within(const Principled& m, const Layers& l, Vec3 w
 
   const Reflection f = reflection(l.facets, l.wo, wi, true);
   const float facing = min(f.facing, 1.0f);
-  if (l.mirrors) {
+  if (l.compensated) {
     const float gain = l.gain_o * metal_gain(l.facets, wi);
     const Vec3 metal = reflected(lerp(m.color, {1, 1, 1}, schlick_weight(facing)), gain);
     r.value += (metal * l.metal + l.film * gain) * f.value;
@@ -278,10 +278,6 @@ inline PrincipledValue value_within(const Principled& m, const Layers& l, Vec3 w
 
 inline PrincipledValue evaluate(const Principled& m, const Layers& l, Vec3 wo, Vec3 wi) {
   return value_within(m, l, to_facets(m, wi, copysign(1.0f, wo.z)));
-}
-
-inline PrincipledValue evaluate(const Principled& m, Vec3 wo, Vec3 wi) {
-  return evaluate(m, prepare(m, wo), wo, wi);
 }
 
 inline Vec3 eval(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
@@ -321,10 +317,6 @@ inline bool sample(const Principled& m, const Layers& l, Vec3 wo, const BsdfDraw
   out.weight = v.value * (1.0f / v.pdf);
   out.wi = from_facets(m, wi, copysign(1.0f, wo.z));
   return true;
-}
-
-inline bool sample(const Principled& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
-  return sample(m, prepare(m, wo), wo, u, out);
 }
 
 }  // namespace parhelion::PH_ISA

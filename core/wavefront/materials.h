@@ -99,12 +99,12 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
       if (asks_for_light(scene) && !is_delta(material)) asking |= 1u << k;
       bool is_plain = false;
       for_each_plain_form<Material>([&]<class Form>(u32 number) {
-        if (!Form::fits(material)) return;
+        if (is_plain || !Form::fits(material)) return;
         is_plain = true;
         kinds.plain[number] |= 1u << k;
         v.plain.set(k, Form::of(material));
       });
-      if constexpr (kPrepares<Material>) {
+      if constexpr (Prepares<Material>) {
         if (!is_plain) v.prepared[k].set(prepare(material, v.local_wo.at(k)));
       }
     });

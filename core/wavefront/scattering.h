@@ -98,14 +98,15 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
           BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
           const Material material = from_block<Material>(*v.block[k]);
           const Vec3 wo = v.local_wo.at(k);
-          if constexpr (kPrepares<Material>) {
+          const BsdfDraws u = draws.bsdf(k);
+          bool there;
+          if constexpr (Prepares<Material>) {
             const auto& seen = v.prepared[k].template as<decltype(prepare(material, wo))>();
-            const bool there = sample(material, seen, wo, draws.bsdf(k), s);
-            next.set(k, s, there);
+            there = sample(material, seen, wo, u, s);
           } else {
-            const bool there = sample(material, wo, draws.bsdf(k), s);
-            next.set(k, s, there);
+            there = sample(material, wo, u, s);
           }
+          next.set(k, s, there);
         });
   });
   u32 these[kBatch], goes[kBatch], on = 0;

@@ -9,13 +9,13 @@ struct PlainBlock {
   float value[12];
 };
 
-// What a material has worked out of where it is seen from (bsdf.h, prepare).
-struct alignas(16) PreparedBlock {
-  unsigned char bytes[384];
+// What a material has prepared (bsdf.h), of which Layers are the most.
+struct alignas(4) PreparedBlock {
+  unsigned char bytes[288];
 
   template <class Prepared>
   PH_INLINE void set(const Prepared& prepared) {
-    static_assert(sizeof(Prepared) <= sizeof(bytes) && alignof(Prepared) <= 16);
+    static_assert(sizeof(Prepared) <= sizeof(bytes) && alignof(Prepared) <= 4);
     compiler::copy(bytes, &prepared, sizeof(Prepared));
   }
   template <class Prepared>

@@ -32,7 +32,7 @@ double worst(double low, double high, Ours ours, Exact exact) {
 }
 
 double erf_inverse_exact(double y) {
-  double x = static_cast<double>(ph::erf_inverse(static_cast<float>(y)));
+  double x = static_cast<double>(ph::erf_inverse_within(static_cast<float>(y)));
   for (int i = 0; i < 3; ++i) {
     // by erfc near 1, where erf has no digits left
     const double off = y > 0.5 ? (1.0 - y) - std::erfc(x) : std::erf(x) - y;
@@ -75,13 +75,14 @@ void accuracy() {
   CHECK(worst(
             -1.0, 1.0, [](float x) { return ph::acos(x); }, [](double x) { return std::acos(x); }) <
         4e-7);
-  CHECK(worst(
-            -5.0, 5.0, [](float x) { return ph::erf(x); }, [](double x) { return std::erf(x); }) <
-        3e-7);
-  CHECK(worst(
-            -1e-6, 1e-6, [](float x) { return ph::erf(x); }, [](double x) { return std::erf(x); }) <
-        3e-7);
-  const auto erf_inverse = [](float y) { return ph::erf_inverse(y); };
+  const auto erf = [](float x) { return ph::erf_within(x); };
+  const auto erf_exact = [](double x) { return std::erf(x); };
+  CHECK(worst(0.5, 4.0, erf, erf_exact) < 3e-7);
+  for (int i = 0; i <= kSteps; ++i) {
+    const float x = 4.0f * static_cast<float>(i) / kSteps;
+    CHECK(std::abs(static_cast<double>(erf(x)) - erf_exact(static_cast<double>(x))) < 2e-7);
+  }
+  const auto erf_inverse = [](float y) { return ph::erf_inverse_within(y); };
   CHECK(worst(-0.5, 0.99999, erf_inverse, erf_inverse_exact) < 6e-7);
   CHECK(worst(0.9999, 1.0 - 0x1p-24, erf_inverse, erf_inverse_exact) < 6e-7);
 }
@@ -102,14 +103,11 @@ void ends() {
         ph::atan2(0.0f, 0.0f) == 0.0f);
   CHECK(ph::atan2(1.0f, 0.0f) == 0.5f * kPi && ph::atan2(inf, inf) == ph::atan2(1.0f, 1.0f));
   CHECK(ph::asin(1.1f) == 0.5f * kPi && ph::acos(1.1f) == 0.0f && ph::acos(-1.1f) == kPi);
-  CHECK(ph::erf(inf) == 1.0f && ph::erf(-9.0f) == -1.0f);
-  CHECK(ph::erf_inverse(1.0f) == inf && ph::erf_inverse(-1.0f) == -inf &&
-        ph::erf_inverse(0.0f) == 0.0f);
+  CHECK(ph::erf_inverse_within(0.0f) == 0.0f);
   CHECK(ph::floor(-0.5f) == -1.0f && ph::floor(2.0f) == 2.0f && ph::floor(-1e30f) == -1e30f);
   CHECK(is_nan(ph::exp(nan)) && is_nan(ph::log(nan)) && is_nan(ph::log2(nan)));
   CHECK(is_nan(ph::log(-1.0f)) && is_nan(ph::pow(-1.0f, 2.0f)) && is_nan(ph::pow(2.0f, nan)));
   CHECK(is_nan(ph::atan2(nan, 1.0f)) && is_nan(ph::asin(nan)) && is_nan(ph::acos(nan)));
-  CHECK(is_nan(ph::erf(nan)) && is_nan(ph::erf_inverse(nan)) && is_nan(ph::erf_inverse(2.0f)));
 }
 
 }  // namespace
