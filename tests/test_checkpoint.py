@@ -164,6 +164,25 @@ def test_another_scene_or_build_is_refused(
                 ph.render(spheres, checkpoint=file, resume=True, spp=2, **SIZE)
 
 
+def test_builds_that_knew_fewer_settings_are_told(spheres: Any, tmp_path: Path) -> None:
+    files = [tmp_path / "whole", tmp_path / "part"]
+    for file, shard in zip(files, (None, (1, 2)), strict=True):
+        ph.render(spheres, checkpoint=file, shard=shard, spp=1, **SIZE)
+        with zipfile.ZipFile(file) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        header = json.loads(members[checkpoint.HEADER])
+        del header["identity"]["roulette"]
+        header["identity"]["build"] = "older"
+        members[checkpoint.HEADER] = json.dumps(header).encode()
+        with zipfile.ZipFile(file, "w") as archive:
+            for name, data in members.items():
+                archive.writestr(name, data)
+    with pytest.raises(ph.SceneError, match="whole: was begun by another build of Parhelion"):
+        ph.render(spheres, checkpoint=files[0], resume=True, spp=2, **SIZE)
+    with pytest.raises(ph.SceneError, match="part: was made by another build of Parhelion"):
+        ph.merge(files[1:])
+
+
 def test_what_is_no_checkpoint_is_refused(spheres: Any, tmp_path: Path) -> None:
     file = tmp_path / "a.checkpoint"
     ph.render(spheres, checkpoint=file, spp=3, **SIZE)

@@ -238,10 +238,9 @@ def test_shards_of_two_scenes_or_builds(three: list[Path], tmp_path: Path) -> No
     with pytest.raises(ph.SceneError, match=r"other.part: is not of .*: it is of another scene"):
         ph.merge([three[0], other, three[2]])
     rewritten(three[0], other, lambda header: header["identity"].update(build="x"))
-    with pytest.raises(ph.SceneError, match=r"other.part: .* it is of another build"):
-        ph.merge([three[1], other])
-    with pytest.raises(ph.SceneError, match=r"other.part: was made by another build"):
-        ph.merge([other, three[1]])
+    for parts in ([three[1], other], [other, three[1]]):
+        with pytest.raises(ph.SceneError, match=r"other.part: was made by another build"):
+            ph.merge(parts)
 
 
 def rewritten(file: Path, to: Path, change: Any, member: str = "checkpoint.json") -> Path:

@@ -185,16 +185,16 @@ def _check_identity(file: Path, header: Any, made_of: dict[str, Any]) -> None:
     if header["format"] != FORMAT:
         raise SceneError(f"{file}: is of another version of Parhelion")
     begun = header["identity"]
-    differing = [name for name in made_of if begun[name] != made_of[name]]
-    if not differing:
-        return
-    for name, text in (
+    for name, text in (  # another version or build may not know the same names after these
         ("version", "{file}: was begun by version {was} of Parhelion, and this is {now}"),
         ("build", "{file}: was begun by another build of Parhelion"),
         ("scene", "{file}: was begun with another scene, or it has changed since"),
     ):
-        if name in differing:
+        if begun[name] != made_of[name]:
             raise SceneError(text.format(file=file, was=begun[name], now=made_of[name]))
+    differing = [name for name in made_of if begun[name] != made_of[name]]
+    if not differing:
+        return
     told = "; ".join(_difference(name, begun[name], made_of[name]) for name in differing)
     raise SceneError(f"{file}: was begun {told}")
 

@@ -135,11 +135,15 @@ def _read(file: Path) -> _Part:
 
 
 def _told(file: Path) -> _Part:
+    from . import _core
+
     with checkpoint.reading(file) as archive:
         header = checkpoint.text(archive, checkpoint.HEADER)
         identity = header["identity"]
         if header["format"] != checkpoint.FORMAT:
             raise SceneError("is of another version of Parhelion")
+        if identity["build"] != _core.sources:  # which may not know the same settings
+            raise SceneError("was made by another build of Parhelion")
         if identity["shard"] is None:
             raise SceneError(
                 "is the checkpoint of a whole picture, not of a shard, as"
@@ -177,12 +181,8 @@ def _told(file: Path) -> _Part:
 
 def _checked(parts: list[_Part]) -> list[_Part]:
     """One file of each shard, in their order. Raises SceneError as merge() does."""
-    from . import _core
-
     first = parts[0]
     count = first.shard[1]
-    if first.identity["build"] != _core.sources:
-        raise SceneError(f"{first.file}: was made by another build of Parhelion")
     for part in parts[1:]:
         differing = _differing(first, part)
         if differing:
@@ -228,8 +228,8 @@ def _differing(first: _Part, other: _Part) -> str:
         now = other.identity.get(name)
         if name == "shard" or was == now:
             continue
-        if name in ("build", "scene"):
-            return f"it is of another {name}"
+        if name == "scene":
+            return "it is of another scene"
         return f"{option(name)} is {json.dumps(now)}, not {json.dumps(was)}"
     return ""
 
