@@ -80,87 +80,110 @@ PH_INLINE u32 level_side(u32 side, u32 level) {
   return halved > 0 ? halved : 1;
 }
 
-// Where a texel of a level has its first number.
-PH_INLINE u64 texel_index(const ImageView& image, u32 level, u32 x, u32 y) {
-  const u64 row = static_cast<u64>(y) * level_side(image.width, level);
-  return (image.first[level] + row + x) * image.channels;
+// Calls f with what reads a texel of an image, red, green, blue and alpha, by its number among
+// those of all levels: one for each format, so that many are read without asking for it each time.
+template <class F>
+PH_INLINE auto with_texels(const ImageView& image, F&& f) {
+  if (image.format == ImageFormat::float32) {
+    const float* c = static_cast<const float*>(image.texels);
+    if (image.channels == 1) return f([c](u64 i) { return quad(c[i], c[i], c[i], 1.0f); });
+    if (image.channels == 3) {
+      return f([c](u64 i) { return quad(c[3 * i], c[3 * i + 1], c[3 * i + 2], 1.0f); });
+    }
+    return f([c](u64 i) { return quad(c[4 * i], c[4 * i + 1], c[4 * i + 2], c[4 * i + 3]); });
+  }
+  const u8* c = static_cast<const u8*>(image.texels);
+  const float* value = image.format == ImageFormat::srgb8 ? kBytes.srgb : kBytes.plain;
+  if (image.channels == 1) {
+    return f([c, value](u64 i) {
+      const float grey = value[c[i]];
+      return quad(grey, grey, grey, 1.0f);
+    });
+  }
+  if (image.channels == 3) {
+    return f([c, value](u64 i) {
+      return quad(value[c[3 * i]], value[c[3 * i + 1]], value[c[3 * i + 2]], 1.0f);
+    });
+  }
+  return f([c, value](u64 i) {
+    return quad(value[c[4 * i]], value[c[4 * i + 1]], value[c[4 * i + 2]],
+                kBytes.plain[c[4 * i + 3]]);
+  });
+}
+
+// The number of a texel of a level, for a place inside it.
+PH_INLINE u64 texel_number(const ImageView& image, u32 level, u32 x, u32 y) {
+  return image.first[level] + static_cast<u64>(y) * level_side(image.width, level) + x;
 }
 
 PH_INLINE void prefetch(const ImageView& image, u32 level, u32 x, u32 y) {
-  const u64 size = image.format == ImageFormat::float32 ? sizeof(float) : 1;
-  compiler::prefetch(static_cast<const u8*>(image.texels) + texel_index(image, level, x, y) * size);
+  const u64 size = (image.format == ImageFormat::float32 ? sizeof(float) : 1) * image.channels;
+  compiler::prefetch(static_cast<const u8*>(image.texels) +
+                     texel_number(image, level, x, y) * size);
 }
 
-// A texel of a level, for a place inside it: red, green, blue and alpha.
-PH_INLINE Quad fetch_channels(const ImageView& image, u32 level, u32 x, u32 y) {
-  const u64 at = texel_index(image, level, x, y);
-  if (image.format == ImageFormat::float32) {
-    const float* c = static_cast<const float*>(image.texels) + at;
-    if (image.channels == 1) return quad(c[0], c[0], c[0], 1.0f);
-    return quad(c[0], c[1], c[2], image.channels == 4 ? c[3] : 1.0f);
-  }
-  const u8* c = static_cast<const u8*>(image.texels) + at;
-  const float* value = image.format == ImageFormat::srgb8 ? kBytes.srgb : kBytes.plain;
-  const float first = value[c[0]];
-  if (image.channels == 1) return quad(first, first, first, 1.0f);
-  return quad(first, value[c[1]], value[c[2]], image.channels == 4 ? kBytes.plain[c[3]] : 1.0f);
-}
 PH_INLINE Texel fetch(const ImageView& image, u32 level, u32 x, u32 y) {
-  return to_texel(fetch_channels(image, level, x, y));
+  return with_texels(
+      image, [&](auto&& texel) { return to_texel(texel(texel_number(image, level, x, y))); });
 }
+
+// What follows, up to TexelPair, has no branches: loops over many lookups become vectors.
 
 // A coordinate brought near [0, 1], where `wrap_texel` finishes the work on whole texels: there is
 // no number that does not fit an int. What is not finite ends up at a border.
 PH_INLINE float wrap_coordinate(float x, Wrap wrap) {
-  switch (wrap) {
-    case Wrap::repeat: return clamp(x - floor(x), 0.0f, 1.0f);
-    case Wrap::mirror: return clamp(x - 2.0f * floor(0.5f * x), 0.0f, 2.0f);
-    default: return clamp(x, -1.0f, 2.0f);
-  }
+  const float period = wrap == Wrap::mirror ? 2.0f : 1.0f;
+  const float repeated = period * fraction((wrap == Wrap::mirror ? 0.5f : 1.0f) * x);
+  const float bounded = clamp(x, -1.0f, 2.0f);
+  const bool ends = (wrap == Wrap::clamp) | (wrap == Wrap::zero);
+  return ends ? bounded : repeated;
 }
 
-// The index in [0, n) of a texel from such a coordinate or its neighbour; kNone where there is
-// none.
-PH_INLINE u32 wrap_texel(int i, u32 size, Wrap wrap) {
-  const int n = static_cast<int>(size);
-  switch (wrap) {
-    case Wrap::repeat: return static_cast<u32>(i < 0 ? i + n : i >= n ? i - n : i);
-    case Wrap::mirror:
-      if (i < 0) return 0;
-      if (i >= 2 * n) return 0;
-      return static_cast<u32>(i < n ? i : 2 * n - 1 - i);
-    case Wrap::clamp: return static_cast<u32>(i < 0 ? 0 : i >= n ? n - 1 : i);
-    default: return i < 0 || i >= n ? kNone : static_cast<u32>(i);
-  }
+// The index in [0, n) of a texel from such a coordinate or its neighbour; -1 where there is none.
+PH_INLINE int wrap_texel(int i, int n, Wrap wrap) {
+  const int around = i + (i < 0 ? n : 0) - (i >= n ? n : 0);
+  const int far = wrap == Wrap::mirror ? 2 * n - 1 - i : n - 1;
+  const int least = i < far ? i : far, edge = least > 0 ? least : 0;
+  const int none = wrap == Wrap::zero && edge != i ? -1 : 0;
+  return wrap == Wrap::repeat ? around : edge | none;
+}
+
+// The two texels of n between which a coordinate lies.
+struct TexelPair {
+  int first, second;
+  float share;  // of the second
+};
+PH_INLINE TexelPair texels_around(float x, int n, Wrap wrap) {
+  const float at = wrap_coordinate(x, wrap) * static_cast<float>(n) - 0.5f;
+  const float first = floor_within(at);
+  const int i = static_cast<int>(first);
+  return {wrap_texel(i, n, wrap), wrap_texel(i + 1, n, wrap), at - first};
 }
 
 inline Texel nearest(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u, Wrap wrap_v) {
   const u32 w = level_side(image.width, level), h = level_side(image.height, level);
   const float x = wrap_coordinate(uv.x, wrap_u) * static_cast<float>(w);
   const float y = wrap_coordinate(1.0f - uv.y, wrap_v) * static_cast<float>(h);
-  const u32 column = wrap_texel(static_cast<int>(floor(x)), w, wrap_u);
-  const u32 row = wrap_texel(static_cast<int>(floor(y)), h, wrap_v);
-  if (column == kNone || row == kNone) return {{0, 0, 0}, 0};
-  return fetch(image, level, column, row);
+  const int column = wrap_texel(static_cast<int>(floor_within(x)), static_cast<int>(w), wrap_u);
+  const int row = wrap_texel(static_cast<int>(floor_within(y)), static_cast<int>(h), wrap_v);
+  if (column < 0 || row < 0) return {{0, 0, 0}, 0};
+  return fetch(image, level, static_cast<u32>(column), static_cast<u32>(row));
 }
 
 inline Quad bilinear_channels(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u,
                               Wrap wrap_v) {
   const u32 w = level_side(image.width, level), h = level_side(image.height, level);
-  const float x = wrap_coordinate(uv.x, wrap_u) * static_cast<float>(w) - 0.5f;
-  const float y = wrap_coordinate(1.0f - uv.y, wrap_v) * static_cast<float>(h) - 0.5f;
-  const float left = floor(x), top = floor(y);
-  const u32 x0 = wrap_texel(static_cast<int>(left), w, wrap_u);
-  const u32 x1 = wrap_texel(static_cast<int>(left) + 1, w, wrap_u);
-  const u32 y0 = wrap_texel(static_cast<int>(top), h, wrap_v);
-  const u32 y1 = wrap_texel(static_cast<int>(top) + 1, h, wrap_v);
-  const auto at = [&](u32 column, u32 row) {
-    if (column == kNone || row == kNone) return quad(0.0f, 0.0f, 0.0f, 0.0f);
-    return fetch_channels(image, level, column, row);
-  };
-  const Quad upper = mix(at(x0, y0), at(x1, y0), x - left);
-  const Quad lower = mix(at(x0, y1), at(x1, y1), x - left);
-  return mix(upper, lower, y - top);
+  const TexelPair x = texels_around(uv.x, static_cast<int>(w), wrap_u);
+  const TexelPair y = texels_around(1.0f - uv.y, static_cast<int>(h), wrap_v);
+  return with_texels(image, [&](auto&& texel) {
+    const auto at = [&](int column, int row) {
+      if (column < 0 || row < 0) return quad(0.0f, 0.0f, 0.0f, 0.0f);
+      return texel(texel_number(image, level, static_cast<u32>(column), static_cast<u32>(row)));
+    };
+    const Quad upper = mix(at(x.first, y.first), at(x.second, y.first), x.share);
+    const Quad lower = mix(at(x.first, y.second), at(x.second, y.second), x.share);
+    return mix(upper, lower, y.share);
+  });
 }
 
 PH_INLINE Texel bilinear(const ImageView& image, u32 level, Vec2 uv, Wrap wrap_u, Wrap wrap_v) {

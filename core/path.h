@@ -49,8 +49,9 @@ struct MappedNormal {
   Vec3 normal, along;
 };
 
+// map: what the map of normals has there, if there is one.
 PH_INLINE MappedNormal mapped_normal(const SceneView& scene, const MaterialRecord& m,
-                                     const Surface& s, float width) {
+                                     const Surface& s, float width, const Texel& map) {
   Vec3 n = s.shading;
   Vec3 dpdu = s.dpdu, dpdv = s.dpdv;
   if (m.bump_map != kNone) {
@@ -65,7 +66,7 @@ PH_INLINE MappedNormal mapped_normal(const SceneView& scene, const MaterialRecor
   }
   own_axes(scene, s, n, dpdu, dpdv);
   if (m.normal_map != kNone) {
-    const Vec3 c = texel(scene, m.normal_map, s, width).rgb;
+    const Vec3 c = map.rgb;
     const Vec3 local = {2.0f * c.x - 1.0f, 2.0f * c.y - 1.0f, 2.0f * c.z - 1.0f};
     const Frame f = frame_along(n, dpdu);
     // y along v, unless told otherwise: the frame is right-handed, uv need not be.
@@ -154,10 +155,12 @@ PH_INLINE void add_light(const RenderView& view, Paths& paths, u32 k, Vec3 radia
 }
 
 // Adds what the surface that the path has met gives off, and returns it.
+// texel: what the texture of that has there.
 PH_INLINE Vec3 add_emission(const SceneView& scene, const RenderView& view, const Surface& s,
-                            Paths& paths, u32 k) {
+                            const Texel& texel, Paths& paths, u32 k) {
   const Vec3 direction = paths.direction.at(k);
-  const Vec3 shine = emission(scene, *s.material, s, dot(direction, s.normal) < 0.0f);
+  const Vec3 shine =
+      emission(*s.material, s.color, dot(direction, s.normal) < 0.0f, max(texel.rgb, {0, 0, 0}));
   if (!black(shine)) {
     const float density =
         paths.scatter_pdf[k] > 0.0f ? emitter_pdf(scene, s, paths.receiver.at(k), direction) : 0.0f;

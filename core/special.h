@@ -12,10 +12,21 @@ inline constexpr float kLog2E = 1.44269504f;
 // The nearest whole number, halves away from 0, of a number below 2^31 in size.
 PH_INLINE int round_to_int(float x) { return static_cast<int>(x + copysign(0.5f, x)); }
 
-PH_INLINE float floor(float x) {
-  if (!(abs(x) < 0x1p23f)) return x;  // whole already, or not a number
+// Without branches, of a number below 2^31 in size.
+PH_INLINE float floor_within(float x) {
   const float whole = static_cast<float>(static_cast<int>(x));
-  return whole > x ? whole - 1.0f : whole;
+  return whole - (whole > x ? 1.0f : 0.0f);
+}
+
+PH_INLINE float floor(float x) {
+  return abs(x) < 0x1p23f ? floor_within(x) : x;  // whole already, or not a number
+}
+
+// Without branches: x - floor(x), 0 of what is not finite.
+PH_INLINE float fraction(float x) {
+  const u32 kept = abs(x) < 0x1p23f ? ~0u : 0u;  // others are whole, and a choice becomes a branch
+  const float y = __builtin_bit_cast(float, __builtin_bit_cast(u32, x) & kept);
+  return y - floor_within(y);
 }
 
 // x 2^n for n in [-252, 254], in two steps since 2^n itself may not be a normal number.
@@ -86,11 +97,15 @@ PH_INLINE float log(float x) {
   return x == kInfinity ? x : log_within(x);
 }
 
-PH_INLINE float log2(float x) {
-  if (!(x > 0.0f)) return x == 0.0f ? -kInfinity : kNan;
-  if (x == kInfinity) return x;
+// Without branches, for finite x > 0.
+PH_INLINE float log2_within(float x) {
   const PowerSplit a = split_power(x);
   return static_cast<float>(a.n) + log_reduced(a.m - 1.0f) * kLog2E;
+}
+
+PH_INLINE float log2(float x) {
+  if (!(x > 0.0f)) return x == 0.0f ? -kInfinity : kNan;
+  return x == kInfinity ? x : log2_within(x);
 }
 
 // x^y for x >= 0. In double: an error of the logarithm counts y log(x) times in the power. Series

@@ -279,19 +279,27 @@ PH_INLINE float opacity(const SceneView& scene, const MaterialRecord& m, const S
   return scalar(scene, m.opacity, m.opacity_texture, s, width);
 }
 
-// The material's own parameters here, textures and the primitive's own colour put in their place.
+// Calls f(texture) for each texture that stands for parameters of a material, in their order, and
+// put(binding) for what it stands for: metallic and roughness, say, are often channels of one.
+template <class F, class Put>
+PH_INLINE void for_each_texture(const SceneView& scene, const MaterialRecord& m, F&& f, Put&& put) {
+  u32 last = kNone;
+  for (u32 i = 0; i < m.binding_count; ++i) {
+    const TextureBinding& b = scene.textures.bindings[m.first_binding + i];
+    if (b.texture != last) f(b.texture);
+    last = b.texture;
+    put(b);
+  }
+}
+
+// The material's own parameters here, with textures in their place.
 PH_INLINE ParamBlock parameters(const SceneView& scene, const MaterialRecord& m, const Surface& s,
                                 float width) {
   ParamBlock block = m.block;
-  u32 last = kNone;
   Texel value = {{0, 0, 0}, 0};
-  for (u32 i = 0; i < m.binding_count; ++i) {
-    const TextureBinding& b = scene.textures.bindings[m.first_binding + i];
-    // Metallic and roughness, say, are often channels of one texture.
-    if (b.texture != last) value = texel(scene, b.texture, s, width);
-    last = b.texture;
-    put(block, b, value);
-  }
+  for_each_texture(
+      scene, m, [&](u32 texture) { value = texel(scene, texture, s, width); },
+      [&](const TextureBinding& b) { put(block, b, value); });
   return block;
 }
 
@@ -311,9 +319,12 @@ PH_INLINE Vec3 emission(const MaterialRecord& m, Vec3 color, bool front, Vec3 te
   }
   return sum;
 }
+PH_INLINE bool emits_texture(const MaterialRecord& m, bool front) {
+  return m.emission_texture != kNone && (front || m.emits_back);
+}
 PH_INLINE Vec3 emission(const SceneView& scene, const MaterialRecord& m, const Surface& s,
                         bool front) {
-  if (m.emission_texture == kNone || !(front || m.emits_back)) return emission(m, s.color, front);
+  if (!emits_texture(m, front)) return emission(m, s.color, front);
   return emission(m, s.color, front, max(texel(scene, m.emission_texture, s, 0.0f).rgb, {0, 0, 0}));
 }
 

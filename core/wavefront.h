@@ -11,6 +11,7 @@
 #include "wavefront/rays.h"
 #include "wavefront/scattering.h"
 #include "wavefront/surfaces.h"
+#include "wavefront/textures.h"
 
 namespace parhelion::PH_ISA {
 
@@ -25,6 +26,7 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   }
   find_surfaces(scene, p, wave.alive, first, v);
   travel(p, v);
+  find_emission(scene, p, wave.alive, v);
   for_each_bit(wave.alive, [&](u32 k) {
     const Fate fate = meet(scene, view, wave, v, k, stats);
     watch(Step::meets, wave, &v, k, fate);
@@ -32,6 +34,7 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
     if (fate == Fate::scatters) meeting |= 1u << k;
     if (fate == Fate::ends) wave.alive &= ~(1u << k);
   });
+  find_parameters(scene, p, meeting, v);
   Kinds kinds;
   u32 asking = 0;
   const u32 scattering = approach(scene, wave, v, meeting, kinds, asking, watch);

@@ -67,7 +67,7 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
     kinds.lanes[v.block[k]->kind] |= 1u << k;
     if (!v.record[k]->uses_uv) return;
     const MappedNormal mapped =
-        mapped_normal(scene, *v.record[k], v.surface(k, p.slot[k]), p.width[k]);
+        mapped_normal(scene, *v.record[k], v.surface(k, p.slot[k]), p.width[k], v.mapped[k]);
     n.set(k, mapped.normal);
     along[k] = mapped.along;
     turned |= 1u << k;

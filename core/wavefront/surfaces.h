@@ -122,7 +122,7 @@ inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Ver
     const bool hole = solid < 1.0f && !(draw1(p.samplers.at(k), draw) < solid);
     if ((hole || own.clear) && p.holes[k] < kMaxHoles) {
       if (!hole) {
-        add_emission(scene, view, s, p, k);
+        add_emission(scene, view, s, v.emission[k], p, k);
         p.throughput.set(k, p.throughput.at(k) * tint(scene, own, s, p.width[k]));
       }
       p.set_ray(k, ray_from(s, p.direction.at(k)));
@@ -149,7 +149,7 @@ inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Ver
   }
   const bool front = v.front[k] != 0;
   Vec3 shine = {0, 0, 0};
-  if (own.shines) shine = add_emission(scene, view, v.surface(k, p.slot[k]), p, k);
+  if (own.shines) shine = add_emission(scene, view, v.surface(k, p.slot[k]), v.emission[k], p, k);
   const MaterialRecord* m = !front && own.back != kNone ? &scene.materials[own.back] : &own;
   if (m->blend_first != kNone) {
     m = &chosen_material(scene, *m, v.surface(k, p.slot[k]), p.width[k], p.samplers.at(k),
@@ -159,16 +159,6 @@ inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Ver
   if (p.depth[k] >= view.max_depth) return Fate::ends;
   if (!front && own.back == kNone) return Fate::ends;
   v.record[k] = m;
-  v.block[k] = &m->block;
-  if (m->binding_count != 0) {
-    v.own[k] = parameters(scene, *m, v.surface(k, p.slot[k]), p.width[k]);
-    v.block[k] = &v.own[k];
-  }
-  if (has_color(v.color[k])) {
-    if (v.block[k] != &v.own[k]) v.own[k] = m->block;
-    v.block[k] = &v.own[k];
-    set_block_color(v.own[k], v.color[k]);
-  }
   return Fate::scatters;
 }
 

@@ -45,6 +45,8 @@ struct Vertices {
   const MaterialRecord* record[kBatch];
   const ParamBlock* block[kBatch];
   ParamBlock own[kBatch];
+  Texel emission[kBatch];  // what the texture of what it gives off has here
+  Texel mapped[kBatch];    // and the map of its normals, if it has one
   Rows<PlainBlock, kBatch> plain;
   PreparedBlock prepared[kBatch];
   Rows<Frame, kBatch> frame;  // in which the surface scatters

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "../../core/image_batch.h"
 #include "../../core/texture.h"
 #include "../../host/errors.h"
 #include "../../host/image.h"
@@ -174,6 +175,67 @@ void footprints() {
   CHECK(look(scaled, &view, 0.075f, 0.2f, 1.0f / 64.0f).rgb.x == at_level);
 }
 
+// Images of all formats, sizes and borders, looked up many at once: each as by itself, to the bit.
+void many_images_at_once() {
+  struct Lookup {
+    const ImageView* image;
+    Vec2 uv;
+    float width;
+    Wrap wrap_u, wrap_v;
+  };
+  std::vector<ImagePyramid> images;
+  std::vector<u8> bytes(40 * 23 * 4);
+  for (u8& b : bytes) b = static_cast<u8>(draw() * 256.0);
+  std::vector<float> floats(bytes.size());
+  for (float& x : floats) x = static_cast<float>(8.0 * draw() - 4.0);
+  for (const auto& [w, h] : {std::pair{40u, 23u}, {16u, 16u}, {1u, 5u}, {7u, 1u}, {1u, 1u}}) {
+    for (u32 channels : {1u, 2u, 3u, 4u}) {
+      for (bool mip : {false, true}) {
+        images.emplace_back(
+            ImageInput{"a", floats.data(), SampleType::float32, w, h, channels, false, mip});
+        for (bool srgb : {false, true}) {
+          images.emplace_back(
+              ImageInput{"a", bytes.data(), SampleType::uint8, w, h, channels, srgb, mip});
+        }
+      }
+    }
+  }
+  std::vector<ImageView> views;
+  for (const ImagePyramid& image : images) views.push_back(image.view());
+  const float far[] = {0.0f, 1.0f, -1.0f, 0.5f, 1e7f, -3e9f, kInfinity, -kInfinity, ph::kNan};
+  const auto place = [&] {
+    if (draw() < 0.1) return far[static_cast<size_t>(draw() * 9.0)];
+    return static_cast<float>((draw() < 0.5 ? 1.0 : 8.0) * (draw() - 0.3));
+  };
+  const auto wrap = [] { return static_cast<Wrap>(draw() * 4.0); };
+  bool same = true;
+  for (int round = 0; round < 4000; ++round) {
+    ph::ImageBatch<16> batch;
+    Lookup lookups[16];
+    const u32 n = 1 + static_cast<u32>(draw() * 16.0);
+    for (u32 k = 0; k < n; ++k) {
+      const float width = draw() < 0.2 ? far[static_cast<size_t>(draw() * 9.0)]
+                                       : static_cast<float>(std::exp2(8.0 * draw() - 7.0));
+      lookups[k] = {&views[static_cast<size_t>(draw() * static_cast<double>(views.size()))],
+                    {place(), place()},
+                    width,
+                    wrap(),
+                    wrap()};
+      const Lookup& l = lookups[k];
+      batch.set(k, *l.image, l.uv, l.width, l.wrap_u, l.wrap_v);
+    }
+    u32 found = 0;
+    batch.look(n, [&](u32 k, const Texel& t) {
+      const Lookup& l = lookups[k];
+      const Texel own = ph::trilinear(*l.image, l.uv, l.width, l.wrap_u, l.wrap_v);
+      same &= k == found++ && own.a == t.a && own.rgb.x == t.rgb.x && own.rgb.y == t.rgb.y &&
+              own.rgb.z == t.rgb.z;
+    });
+    same &= found == n;
+  }
+  CHECK(same);
+}
+
 // The filtered checkerboard against a sum over the footprint.
 void checkerboards() {
   const TextureRecord r = record(TextureKind::checker, {1, 1, 1, 0, 0, 0, 0});
@@ -280,6 +342,7 @@ int main() {
   encodings();
   places_and_borders();
   footprints();
+  many_images_at_once();
   checkerboards();
   ramps_and_noise();
   slopes();
