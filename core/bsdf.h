@@ -19,9 +19,14 @@
 //                           instead of those without it
 //   Plain                   PlainForms<...>, if most surfaces of its kind need but few of its
 //                           parameters: structs F of these. Where F::fits(m), sample and evaluate
-//                           say the same of F::of(m).whole() as of m, without branches, once a
-//                           compiler knows the parameters that F lacks: they become vectors for
-//                           sixteen paths at once
+//                           say the same of F::of(m) as of m, without branches: they become
+//                           vectors for sixteen paths at once. Either
+//     whole()               makes a material of it, whose sample and evaluate do so once a compiler
+//                           knows the parameters that F lacks; or, if tables are needed, there are
+//     F::From, F::To        of floats: what tables have of wo, and of wi
+//     from(f, wo), to(f, wi)          look it up, for one path after the other
+//     evaluate(f, from, to, wo, wi)
+//     choose(f, from, wo, u, wi)      the direction of a sample; false where the path ends
 #pragma once
 #include "entry.h"
 #include "random.h"
@@ -88,6 +93,20 @@ PH_INLINE void for_each_plain_form(F&& f) {
   if constexpr (requires { typename Material::Plain; }) {
     for_each_form(typename Material::Plain{}, f);
   }
+}
+
+template <class Form>
+concept NeedsTables = requires { typename Form::From; };
+
+// A sample of a form that needs tables, once its direction has been chosen.
+template <NeedsTables Form>
+PH_INLINE bool weigh_sample(const Form& m, const typename Form::From& seen,
+                            const typename Form::To& to, Vec3 wo, Vec3 wi, BsdfSample& out) {
+  const BsdfValue v = evaluate(m, seen, to, wo, wi);
+  out.wi = wi;
+  out.pdf = v.pdf;
+  out.weight = v.value * (1.0f / v.pdf);
+  return v.pdf > 0.0f;
 }
 
 template <class Material>

@@ -41,6 +41,7 @@ def everything() -> ph.Scene:
         ph.Material("conductor", roughness=0.5, color=checker),
         ph.Material("dielectric", roughness=0.4, priority=1, dispersion=0.3),
         ph.Material("principled", metallic=0.5, clearcoat=0.5, color=checker),
+        ph.Material("principled", metallic=0.5, color=checker),
     ]
     shapes: list[Any] = [
         ph.Spheres(rng.uniform(-2, 2, (7, 3)), rng.uniform(0.3, 0.7, 7), material=m, name=f"s{i}")

@@ -17,6 +17,7 @@ struct Plastic {
   Vec3 color, specular;
   float ior, roughness, distribution, nonlinear, compensation;
 
+  using Plain = PlainForms<struct SmoothPlastic>;
   static constexpr u32 lobe_draws = 1;
   static constexpr const char* doc = "matte base under a clear coat, smooth or rough";
   static constexpr ParamInfo params[] = {
@@ -47,6 +48,69 @@ inline float let_in(const Plastic& m, const Coat& c, Vec3 w) {
   return m.compensation < 0.5f ? 1.0f - coat_reflected(c, w) : coat_refracted(c, w);
 }
 
+// Share that the coat's inside throws back.
+inline float thrown_back(const Plastic& m, const Coat& c) {
+  const bool once = !c.smooth && m.compensation > 0.5f;
+  return once ? coat_mean_within(c) : 1.0f - (1.0f - coat_mean(c)) / (m.ior * m.ior);
+}
+
+struct PlasticValue {
+  Vec3 value;  // f |cos|, without a smooth coat's mirror image
+  float pdf;
+};
+
+// What the base sends out, both directions above the surface. inside: share thrown back by the
+// coat's inside; through: what the coat lets in of the light from both.
+PH_INLINE Vec3 base_value(Vec3 color, float ior, float nonlinear, float inside, float through,
+                          float cosine) {
+  const auto base = [&](float c) { return c / (1.0f - inside * (nonlinear < 0.5f ? 1.0f : c)); };
+  return Vec3{base(color.x), base(color.y), base(color.z)} * (through * cosine / (ior * ior));
+}
+
+// That a sample goes to the coat
+PH_INLINE float coat_chance(Vec3 color, Vec3 specular, float through) {
+  const float a = (1.0f - through) * mean(specular), b = through * mean(color), sum = a + b;
+  return sum > 0.0f ? a / sum : 1.0f;
+}
+
+// Under a smooth coat
+struct SmoothPlastic {
+  Vec3 color, specular;
+  float ior, nonlinear, inside;
+
+  PH_INLINE static bool fits(const Plastic& m) {
+    return smooth(microfacets(m.roughness, 0.0f, m.distribution));
+  }
+  PH_INLINE static SmoothPlastic of(const Plastic& m) {
+    return {m.color, m.specular, m.ior, m.nonlinear, thrown_back(m, coat(m))};
+  }
+  PH_INLINE SmoothPlastic whole() const { return *this; }
+};
+
+PH_INLINE float reflected(const SmoothPlastic& m, Vec3 w) {
+  return fresnel_dielectric(min(abs(w.z), 1.0f), m.ior).reflected;
+}
+
+PH_INLINE PlasticValue evaluate(const SmoothPlastic& m, Vec3 wo, Vec3 wi) {
+  const float same_side = wo.z * wi.z > 0.0f ? 1.0f : 0.0f, from = 1.0f - reflected(m, wo);
+  const float cosine = cosine_hemisphere_pdf({wi.x, wi.y, abs(wi.z)}) * same_side;
+  const float through = from * (1.0f - reflected(m, wi));
+  return {base_value(m.color, m.ior, m.nonlinear, m.inside, through, cosine),
+          (1.0f - coat_chance(m.color, m.specular, from)) * cosine};
+}
+
+PH_INLINE bool sample(const SmoothPlastic& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+  const float share = reflected(m, wo), chance = coat_chance(m.color, m.specular, 1.0f - share);
+  const bool delta = u.lobe < chance;
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)}, matte = u.hemisphere;
+  const PlasticValue v = evaluate(m, above, matte);
+  out.wi = select(delta, Vec3{-wo.x, -wo.y, wo.z}, Vec3{matte.x, matte.y, copysign(matte.z, wo.z)});
+  out.weight = select(delta, m.specular * (share / chance), v.value * (1.0f / v.pdf));
+  out.pdf = delta ? 0.0f : v.pdf;
+  out.delta = delta;
+  return delta | ((matte.z > 0.0f) & (v.pdf > 0.0f));
+}
+
 // Plastic as seen from wo, on either side: what does not depend on wi.
 struct SeenPlastic {
   Coat coat;
@@ -58,38 +122,26 @@ struct SeenPlastic {
 inline SeenPlastic prepare(const Plastic& m, Vec3 wo) {
   const Coat c = coat(m);
   const float through = let_in(m, c, wo);
-  const bool once = !c.smooth && m.compensation > 0.5f;
-  const float inside = once ? coat_mean_within(c) : 1.0f - (1.0f - coat_mean(c)) / (m.ior * m.ior);
-  const float a = (1.0f - through) * mean(m.specular), b = through * mean(m.color);
-  return {c, through, inside, a + b > 0.0f ? a / (a + b) : 1.0f};
+  return {c, through, thrown_back(m, c), coat_chance(m.color, m.specular, through)};
 }
 
-struct PlasticValue {
-  Vec3 value;  // f |cos|, without a smooth coat's mirror image
-  float pdf;
-};
+PH_INLINE SmoothPlastic smooth_plastic(const Plastic& m, const SeenPlastic& seen) {
+  return {m.color, m.specular, m.ior, m.nonlinear, seen.inside};
+}
 
 inline PlasticValue evaluate(const Plastic& m, const SeenPlastic& seen, Vec3 wo, Vec3 wi) {
+  if (seen.coat.smooth) return evaluate(smooth_plastic(m, seen), wo, wi);
   if (!(wo.z * wi.z > 0.0f)) return {{0, 0, 0}, 0.0f};
   wo.z = abs(wo.z);
   wi.z = abs(wi.z);
   const Coat& c = seen.coat;
   const float through = seen.let_in * let_in(m, c, wi);
-  const auto base = [&](float color) {
-    const float again = m.nonlinear < 0.5f ? seen.inside : seen.inside * color;
-    return color / (1.0f - again);
-  };
   const float cosine = cosine_hemisphere_pdf(wi);
-  PlasticValue r = {Vec3{base(m.color.x), base(m.color.y), base(m.color.z)} *
-                        (through * cosine / (m.ior * m.ior)),
-                    (1.0f - seen.chance) * cosine};
-  if (!c.smooth) {
-    const Reflection f = reflection(c.facets, wo, wi, false);
-    const float share = fresnel_dielectric(min(f.facing, 1.0f), m.ior).reflected;
-    r.value += m.specular * (share * f.value);
-    r.pdf += seen.chance * f.pdf;
-  }
-  return r;
+  const Reflection f = reflection(c.facets, wo, wi, false);
+  const float share = fresnel_dielectric(min(f.facing, 1.0f), m.ior).reflected;
+  return {base_value(m.color, m.ior, m.nonlinear, seen.inside, through, cosine) +
+              m.specular * (share * f.value),
+          (1.0f - seen.chance) * cosine + seen.chance * f.pdf};
 }
 
 inline Vec3 eval(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
@@ -97,17 +149,11 @@ inline float pdf(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi
 
 inline bool sample(const Plastic& m, const SeenPlastic& seen, Vec3 wo, const BsdfDraws& u,
                    BsdfSample& out) {
+  if (seen.coat.smooth) return sample(smooth_plastic(m, seen), wo, u, out);
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
+  out.wi = u.hemisphere;
   if (u.lobe < seen.chance) {
-    if (seen.coat.smooth) {
-      out.wi = {-wo.x, -wo.y, wo.z};
-      out.weight = m.specular * (coat_reflected(seen.coat, wo) / seen.chance);
-      out.delta = true;
-      return true;
-    }
     out.wi = mirrored(above, sample_visible_normal(seen.coat.facets, above, u.direction));
-  } else {
-    out.wi = u.hemisphere;
   }
   if (!(out.wi.z > 0.0f)) return false;
   const PlasticValue v = evaluate(m, seen, above, out.wi);

@@ -27,6 +27,7 @@ struct Principled {
   float iridescence, iridescence_ior, iridescence_thickness;
   float dispersion;
 
+  using Plain = PlainForms<struct PlainPrincipled>;
   static constexpr bool transmits = true;
   static constexpr u32 lobe_draws = 2;
   static constexpr const char* doc =
@@ -124,7 +125,7 @@ PH_INLINE float index_of_reflectance(float f0) {
   return (1.0f + root) / (1.0f - root);
 }
 
-// --- Layers -----------------------------------------------------------------------------------
+// --- The base -----------------------------------------------------------------------------------
 
 // Narrower lobes are widened: there is no mirror here. Nor are indices nearer to 1, at which
 // refraction could not be told from passing straight on.
@@ -133,7 +134,126 @@ inline constexpr float kLeastRoughness = 0.045f, kLeastContrast = 0.02f;
 PH_INLINE Vec3 lerp(Vec3 a, Vec3 b, float f) { return a + (b - a) * f; }
 PH_INLINE Vec3 rest(Vec3 a) { return {1.0f - a.x, 1.0f - a.y, 1.0f - a.z}; }
 
-// The lobes that are sampled: mirrors are metal, film and gloss, which share their normals.
+// The index that reflects `specular` times as much at normal incidence (OpenPBR 1.1, 3.6).
+PH_INLINE float scaled_index(float ior, float specular) {
+  const float root = (ior - 1.0f) / (ior + 1.0f);
+  const float eta = max(index_of_reflectance(root * root * specular), 1.0f + kLeastContrast);
+  return ior >= 1.0f ? eta : 1.0f / eta;
+}
+
+// Metal, and gloss over a matte body: how much is left for each of the light towards wo. Metal,
+// film and gloss are mirrors that share their normals.
+struct Base {
+  Vec3 film, gloss, matte;
+  float metal;
+  float mirror_share, matte_share;  // what each reflects, about
+};
+
+// metal, dull: shares of the base that are metal, and matte under gloss. bare: of both, without
+// film; film, film_on_body: what it reflects, of all and of what is on the body. gloss_share: what
+// gloss reflects.
+PH_INLINE Base make_base(Vec3 color, Vec3 specular, float metal, float dull, float gloss_share,
+                         float bare, Vec3 film, Vec3 film_on_body) {
+  Base b;
+  b.metal = metal * bare;
+  b.film = film;
+  b.gloss = specular * (dull * bare);
+  b.matte = rest(film_on_body + Vec3{1, 1, 1} * (bare * gloss_share)) * dull;
+  b.mirror_share = b.metal * mean(color) + mean(film) + mean(b.gloss) * gloss_share;
+  b.matte_share = mean(b.matte * color);
+  return b;
+}
+
+struct PrincipledValue {
+  Vec3 value;
+  float pdf;
+};
+
+// gain: metal_gain of both directions, which are above the surface. chances: of mirrors, and of
+// what is sampled as the body is.
+PH_INLINE PrincipledValue base_value(const Base& b, const Microfacets& facets, float ior,
+                                     Vec3 color, Diffuse body, float gain, float mirror_chance,
+                                     float matte_chance, Vec3 wo, Vec3 wi) {
+  const Reflection f = reflection(facets, wo, wi, true);
+  const float facing = min(f.facing, 1.0f);
+  const Vec3 metal = reflected(lerp(color, {1, 1, 1}, schlick_weight(facing)), gain);
+  const float gloss = fresnel_dielectric(facing, ior).reflected;
+  const float cosine = cosine_hemisphere_pdf(wi);
+  return {(metal * b.metal + b.film * gain) * f.value +
+              b.gloss * (gloss * f.pdf * visible_share(facets, wi)) + b.matte * eval(body, wo, wi),
+          mirror_chance * f.pdf + matte_chance * cosine};
+}
+
+// What most surfaces are: the base alone, opaque and isotropic.
+struct PlainPrincipled {
+  Vec3 color;
+  float metallic, roughness, ior;  // of the gloss, as scaled_index says
+  Vec3 specular_color;
+
+  struct From {
+    float gain, gloss_share;
+  };
+  struct To {
+    float gain;
+  };
+
+  PH_INLINE static bool fits(const Principled& m) {
+    return m.transmission == 0.0f && m.clearcoat == 0.0f && black(m.sheen_color) &&
+           m.iridescence == 0.0f && m.anisotropy == 0.0f && m.diffuse_roughness == 0.0f;
+  }
+  PH_INLINE static PlainPrincipled of(const Principled& m) {
+    return {m.color, m.metallic, max(m.roughness, kLeastRoughness), scaled_index(m.ior, m.specular),
+            m.specular_color};
+  }
+};
+
+PH_INLINE Microfacets facets(const PlainPrincipled& m) {
+  return microfacets(m.roughness, 0.0f, 0.0f);
+}
+PH_INLINE Base base(const PlainPrincipled& m, const PlainPrincipled::From& seen) {
+  return make_base(m.color, m.specular_color, m.metallic, 1.0f - m.metallic, seen.gloss_share, 1.0f,
+                   {0, 0, 0}, {0, 0, 0});
+}
+// Of sampling mirrors
+PH_INLINE float chance(const Base& b) {
+  const float sum = b.mirror_share + b.matte_share;
+  return sum > 0.0f ? b.mirror_share / sum : 1.0f;
+}
+
+inline PlainPrincipled::To to(const PlainPrincipled& m, Vec3 wi) {
+  return {m.metallic > 0.0f ? metal_gain(facets(m), wi) : 1.0f};
+}
+inline PlainPrincipled::From from(const PlainPrincipled& m, Vec3 wo) {
+  const float dull = 1.0f - m.metallic;
+  return {to(m, wo).gain, dull > 0.0f ? coat_reflected(make_coat(facets(m), m.ior), wo) : 0.0f};
+}
+
+PH_INLINE BsdfValue evaluate(const PlainPrincipled& m, const PlainPrincipled::From& seen,
+                             const PlainPrincipled::To& to, Vec3 wo, Vec3 wi) {
+  const float above = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
+  wo.z = abs(wo.z);
+  wi.z = abs(wi.z);
+  const Base b = base(m, seen);
+  const float mirror = chance(b), sum = b.mirror_share + b.matte_share;
+  const float matte = sum > 0.0f ? b.matte_share / sum : 0.0f;
+  const PrincipledValue v = base_value(b, facets(m), m.ior, m.color, {m.color, 0.0f},
+                                       seen.gain * to.gain, mirror, matte, wo, wi);
+  return {v.value * above, v.pdf * above};
+}
+
+PH_INLINE bool choose(const PlainPrincipled& m, const PlainPrincipled::From& seen, Vec3 wo,
+                      const BsdfDraws& u, Vec3& wi) {
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
+  const Vec3 mirror = mirrored(above, sample_visible_normal(facets(m), above, u.direction));
+  wi = select(u.lobe < chance(base(m, seen)), mirror, u.hemisphere);
+  const bool found = wi.z > 0.0f;
+  wi.z = copysign(wi.z, wo.z);
+  return found;
+}
+
+// --- Layers -----------------------------------------------------------------------------------
+
+// The lobes that are sampled.
 enum Lobe : u32 { kMirrorLobe, kMatteLobe, kGlassLobe, kCoatLobe, kSheenLobe, kLobes };
 
 // What is left for each lobe of the light towards wo, above the surface as it is seen.
@@ -146,8 +266,9 @@ struct Layers {
   SeenDielectric seen_inner;  // if it is sampled
   bool compensated;           // there is metal or film, and
   float gain_o;               // metal_gain(wo)
-  Vec3 film, gloss, matte, glass;
-  float metal, coat_weight;
+  Base base;
+  Vec3 glass;
+  float coat_weight;
   float chance[kLobes];
 };
 
@@ -164,13 +285,6 @@ PH_INLINE Vec3 from_facets(const Principled& m, Vec3 w, float side) {
   if (m.anisotropy == 0.0f) return w;
   const CosSin t = cos_sin_turns(m.anisotropy_rotation * (1.0f / 360.0f));
   return {t.c * w.x - t.s * w.y, t.c * w.y + t.s * w.x, w.z};
-}
-
-// The index that reflects `specular` times as much at normal incidence (OpenPBR 1.1, 3.6).
-PH_INLINE float scaled_index(float ior, float specular) {
-  const float root = (ior - 1.0f) / (ior + 1.0f);
-  const float eta = max(index_of_reflectance(root * root * specular), 1.0f + kLeastContrast);
-  return ior >= 1.0f ? eta : 1.0f / eta;
 }
 
 inline Layers prepare(const Principled& m, Vec3 world_wo) {
@@ -218,15 +332,12 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
                            {gloss_eta, gloss_eta, gloss_eta}) *
                m.iridescence;
   }
-  l.metal = metal * bare;
-  l.film = on_metal * metal + on_other * other;
-  l.gloss = m.specular_color * (dull * bare);
-  l.matte = rest(on_other + Vec3{1, 1, 1} * (bare * gloss_share)) * dull;
+  l.base = make_base(m.color, m.specular_color, metal, dull, gloss_share, bare,
+                     on_metal * metal + on_other * other, on_other);
   l.glass = rest(on_other) * clear;
 
-  const float share[kLobes] = {l.metal * mean(m.color) + mean(l.film) + mean(l.gloss) * gloss_share,
-                               mean(l.matte * m.color), mean(l.glass), l.coat_weight * coat_share,
-                               mean(m.sheen_color) * sheen_share};
+  const float share[kLobes] = {l.base.mirror_share, l.base.matte_share, mean(l.glass),
+                               l.coat_weight * coat_share, mean(m.sheen_color) * sheen_share};
   float sum = 0.0f;
   for (const float s : share) sum += s;
   for (u32 i = 0; i < kLobes; ++i) {
@@ -235,11 +346,6 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   if (l.chance[kGlassLobe] > 0.0f) l.seen_inner = seen_above(l.inner, l.facets, eta, l.wo);
   return l;
 }
-
-struct PrincipledValue {
-  Vec3 value;
-  float pdf;
-};
 
 // wi in the frame of l.wo.
 inline PrincipledValue value_within(const Principled& m, const Layers& l, Vec3 wi) {
@@ -250,20 +356,12 @@ inline PrincipledValue value_within(const Principled& m, const Layers& l, Vec3 w
   }
   if (!(wi.z > 0.0f) || !(l.wo.z > 0.0f)) return r;
 
-  const Reflection f = reflection(l.facets, l.wo, wi, true);
-  const float facing = min(f.facing, 1.0f);
-  if (l.compensated) {
-    const float gain = l.gain_o * metal_gain(l.facets, wi);
-    const Vec3 metal = reflected(lerp(m.color, {1, 1, 1}, schlick_weight(facing)), gain);
-    r.value += (metal * l.metal + l.film * gain) * f.value;
-  }
-  const float gloss = fresnel_dielectric(facing, l.inner.ior).reflected;
-  r.value += l.gloss * (gloss * f.pdf * visible_share(l.facets, wi));
-  r.pdf += l.chance[kMirrorLobe] * f.pdf;
-
-  const float cosine = cosine_hemisphere_pdf(wi);
-  r.value += l.matte * eval(l.body, l.wo, wi);
-  r.pdf += (l.chance[kMatteLobe] + l.chance[kSheenLobe]) * cosine;
+  const float gain = l.compensated ? l.gain_o * metal_gain(l.facets, wi) : 1.0f;
+  const PrincipledValue base =
+      base_value(l.base, l.facets, l.inner.ior, m.color, l.body, gain, l.chance[kMirrorLobe],
+                 l.chance[kMatteLobe] + l.chance[kSheenLobe], l.wo, wi);
+  r.value += base.value;
+  r.pdf += base.pdf;
   if (l.chance[kSheenLobe] > 0.0f) {
     r.value += m.sheen_color * sheen_value(sheen_alpha(m), l.wo, wi);
   }

@@ -23,7 +23,7 @@ PH_INLINE void for_each_kind(const Kinds& kinds, F&& f) {
 }
 
 // Of the lanes at materials of one type: calls together.operator()<Form>(these) once for those of
-// each plain form, with 1 for each, and alone(k) for each of the others.
+// each plain form, also as bits, with 1 for each, and alone(k) for each of the others.
 template <class Material, class Together, class Alone>
 PH_INLINE void plain_and_others(const Kinds& kinds, u32 lanes, Together&& together, Alone&& alone) {
   u32 others = lanes;
@@ -32,10 +32,19 @@ PH_INLINE void plain_and_others(const Kinds& kinds, u32 lanes, Together&& togeth
     if (plain == 0) return;
     u32 these[kBatch];
     spread(plain, these);
-    together.template operator()<Form>(these);
+    together.template operator()<Form>(plain, these);
     others &= ~plain;
   });
   for_each_bit(others, alone);
+}
+
+// What tables have of directions, for plain forms that need them.
+template <class Form>
+inline void look_up(u32 lanes, const Vertices& v, const Rows<Vec3, kBatch>& wi,
+                    Rows<TableBlock, kBatch>& tables) {
+  if constexpr (NeedsTables<Form>) {
+    for_each_bit(lanes, [&](u32 k) { tables.set(k, to(v.plain.at<Form>(k), wi.at(k))); });
+  }
 }
 
 }  // namespace parhelion::PH_ISA

@@ -119,12 +119,20 @@ PH_APART inline void weigh_lights(Vertices& v) {
 }
 
 template <class Form>
-PH_APART inline void value_of_plain(const u32 (&__restrict these)[kBatch], Vertices& __restrict v) {
+PH_APART inline void value_of_plain(const u32 (&__restrict these)[kBatch],
+                                    const Rows<TableBlock, kBatch>& __restrict to,
+                                    Vertices& __restrict v) {
   // In a loop of its own, so that compilers do not move it into branches of the next.
   Rows<BsdfValue, kBatch> all;
   for (u32 k = 0; k < kBatch; ++k) {
-    const auto material = v.plain.at<Form>(k).whole();
-    all.set(k, value_of(material, v.local_wo.at(k), v.local_wi.at(k)));
+    const Form form = v.plain.at<Form>(k);
+    const Vec3 wo = v.local_wo.at(k), wi = v.local_wi.at(k);
+    if constexpr (NeedsTables<Form>) {
+      all.set(k, evaluate(form, v.from.at<typename Form::From>(k), to.at<typename Form::To>(k), wo,
+                          wi));
+    } else {
+      all.set(k, value_of(form.whole(), wo, wi));
+    }
   }
   for (u32 k = 0; k < kBatch; ++k) {
     const bool own = these[k] != 0;
@@ -141,7 +149,12 @@ inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v)
   for_each_bit(lanes, [&](u32 k) { lit |= fits[k] << k; });
   for_each_kind(kinds, [&]<class Material>(u32 own) {
     plain_and_others<Material>(
-        kinds, own & lit, [&]<class Form>(const auto& these) { value_of_plain<Form>(these, v); },
+        kinds, own & lit,
+        [&]<class Form>(u32 plain, const auto& these) {
+          Rows<TableBlock, kBatch> tables = {};
+          look_up<Form>(plain, v, v.local_wi, tables);
+          value_of_plain<Form>(these, tables, v);
+        },
         [&](u32 k) {
           const Material material = from_block<Material>(*v.block[k]);
           const Vec3 wo = v.local_wo.at(k), wi = v.local_wi.at(k);

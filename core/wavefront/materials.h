@@ -102,7 +102,9 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
         if (is_plain || !Form::fits(material)) return;
         is_plain = true;
         kinds.plain[number] |= 1u << k;
-        v.plain.set(k, Form::of(material));
+        const Form form = Form::of(material);
+        v.plain.set(k, form);
+        if constexpr (NeedsTables<Form>) v.from.set(k, from(form, v.local_wo.at(k)));
       });
       if constexpr (Prepares<Material>) {
         if (!is_plain) v.prepared[k].set(prepare(material, v.local_wo.at(k)));

@@ -21,17 +21,46 @@ struct Sampled {
 };
 
 template <class Form>
-PH_APART inline void sample_plain(const u32 (&__restrict these)[kBatch],
-                                  const Vertices& __restrict v, const BounceDraws& __restrict draws,
-                                  Sampled& __restrict next) {
-  // In a loop of its own, so that compilers do not move it into branches of the next.
-  Sampled all;
+PH_APART inline void choose_plain(const Vertices& __restrict v, const BounceDraws& __restrict draws,
+                                  Sampled& __restrict all) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    Vec3 wi;
+    const bool there = choose(v.plain.at<Form>(k), v.from.at<typename Form::From>(k),
+                              v.local_wo.at(k), draws.bsdf(k), wi);
+    all.wi.set(k, wi);
+    all.is[k] = there ? 1u : 0u;
+  }
+}
+
+template <class Form>
+PH_APART inline void weigh_plain(const Vertices& __restrict v,
+                                 const Rows<TableBlock, kBatch>& __restrict to,
+                                 Sampled& __restrict all) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
+    const bool there = weigh_sample(v.plain.at<Form>(k), v.from.at<typename Form::From>(k),
+                                    to.at<typename Form::To>(k), v.local_wo.at(k), all.wi.at(k), s);
+    const u32 found = all.is[k];
+    all.set(k, s, there);
+    all.is[k] &= found;
+  }
+}
+
+template <class Form>
+PH_APART inline void sample_plain(const Vertices& __restrict v, const BounceDraws& __restrict draws,
+                                  Sampled& __restrict all) {
   for (u32 k = 0; k < kBatch; ++k) {
     const auto material = v.plain.at<Form>(k).whole();
     BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
     const bool there = sample(material, v.local_wo.at(k), draws.bsdf(k), s);
     all.set(k, s, there);
   }
+}
+
+// Puts those that `these` says among the others: in a loop of its own, so that compilers do not
+// move the ones before into its branches.
+PH_APART inline void keep_these(const u32 (&__restrict these)[kBatch],
+                                const Sampled& __restrict all, Sampled& __restrict next) {
   for (u32 k = 0; k < kBatch; ++k) {
     const bool own = these[k] != 0;
     next.wi.set(k, select(own, all.wi.at(k), next.wi.at(k)));
@@ -93,7 +122,18 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
   for_each_kind(kinds, [&]<class Material>(u32 own) {
     plain_and_others<Material>(
         kinds, own,
-        [&]<class Form>(const auto& these) { sample_plain<Form>(these, v, draws, next); },
+        [&]<class Form>(u32 plain, const auto& these) {
+          Sampled all;
+          if constexpr (NeedsTables<Form>) {
+            Rows<TableBlock, kBatch> tables = {};
+            choose_plain<Form>(v, draws, all);
+            look_up<Form>(plain, v, all.wi, tables);
+            weigh_plain<Form>(v, tables, all);
+          } else {
+            sample_plain<Form>(v, draws, all);
+          }
+          keep_these(these, all, next);
+        },
         [&](u32 k) {
           BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
           const Material material = from_block<Material>(*v.block[k]);

@@ -9,6 +9,11 @@ struct PlainBlock {
   float value[12];
 };
 
+// The most that tables may have of a direction for such a form.
+struct TableBlock {
+  float value[4];
+};
+
 // What a material has prepared (bsdf.h), of which Layers are the most.
 struct alignas(4) PreparedBlock {
   unsigned char bytes[288];
@@ -48,6 +53,7 @@ struct Vertices {
   Texel emission[kBatch];  // what the texture of what it gives off has here
   Texel mapped[kBatch];    // and the map of its normals, if it has one
   Rows<PlainBlock, kBatch> plain;
+  Rows<TableBlock, kBatch> from;  // what tables have of local_wo, of plain forms that need them
   PreparedBlock prepared[kBatch];
   Rows<Frame, kBatch> frame;  // in which the surface scatters
   Rows<Vec3, kBatch> local_wo;
