@@ -280,7 +280,9 @@ void add_bindings(const nb::dict& d, Record& record, std::vector<TextureBinding>
   record.first_binding = static_cast<u32>(bindings.size());
   for (nb::handle h : nb::cast<nb::list>(d["bindings"])) {
     bindings.push_back(to_binding(nb::cast<nb::dict>(h)));
-    ++record.binding_count;
+    if (++record.binding_count > kBlockFloats) {
+      throw SceneError("more textures than parameters that they could stand for");
+    }
   }
 }
 

@@ -29,7 +29,7 @@ struct ImageBatch {
   PH_INLINE void set(u32 k, const ImageView& from, Vec2 uv, float width, Wrap wrap_u, Wrap wrap_v) {
     image[k] = &from;
     places.u[k] = uv.x, places.v[k] = uv.y, places.width[k] = width;
-    places.columns[k] = static_cast<int>(from.width),
+    places.columns[k] = static_cast<int>(from.width);
     places.rows[k] = static_cast<int>(from.height);
     places.levels[k] = static_cast<int>(from.levels);
     places.wrap_u[k] = wrap_u, places.wrap_v[k] = wrap_v;
@@ -71,7 +71,8 @@ struct ImageBatch {
     for (u32 k = 0; k < kCount; ++k) {
       const int side = at.columns[k] > at.rows[k] ? at.columns[k] : at.rows[k];
       const float texels = at.width[k] * static_cast<float>(side);
-      // Beyond the coarsest level there is none, and its number is below 17.
+      // The last level's number is below 17, so 2^20 stands for all that is larger; lanes that no
+      // lookup has been set for have no level.
       const float place = max(
           min(log2_within(min(max(texels, 1.0f), 0x1p20f)), static_cast<float>(at.levels[k] - 1)),
           0.0f);

@@ -79,11 +79,11 @@ PH_INLINE void put(ParamBlock& block, const TextureBinding& binding, const Texel
   for (u32 i = 0; i < binding.size; ++i) value[i] = clamp(part[i], binding.low, binding.high);
 }
 
-// An image by itself, between whose texels is looked, as many at once can be: image_batch.h.
+// An image whose texels are mixed, from the surface's own uv: image_batch.h looks up many at once.
 PH_INLINE bool is_smooth_image(const TextureRecord& record) {
   return static_cast<TextureKind>(record.block.kind) == TextureKind::image &&
          record.binding_count == 0 && record.uvs == kNone &&
-         from_block<Image>(record.block).filter != 2.0f;
+         !is_nearest(from_block<Image>(record.block));
 }
 
 // What texture `id` has at a point of a surface. attribute(name): what the surface's mesh has

@@ -42,11 +42,29 @@ def everything() -> ph.Scene:
         ph.Material("dielectric", roughness=0.4, priority=1, dispersion=0.3),
         ph.Material("principled", metallic=0.5, clearcoat=0.5, color=checker),
         ph.Material("principled", metallic=0.5, color=checker),
+        ph.Material("principled", priority=3, color=(0.5, 0.6, 0.7)),
     ]
+
+    def image(high: int, channels: int, channel: str = "rgb") -> ph.Texture:
+        texels = rng.integers(0, high, (5, 7, channels)).astype(np.uint8)
+        return ph.Texture("image", image=texels, channel=channel)
+
+    painted = ph.Material(
+        "principled",
+        color=image(256, 3),
+        metallic=(several := image(256, 4, "b")),
+        roughness=ph.Texture(**{**several.params, "type": "image", "channel": "g"}),
+        specular=checker,
+        normal_map=image(256, 3),
+        emission=image(40, 3),
+    )
+    corners = [[-9, -9, -3], [9, -9, -3], [9, 9, -3], [-9, 9, -3]]
+    uvs = [[-1, -1], [2, -1], [2, 2], [-1, 2]]
     shapes: list[Any] = [
         ph.Spheres(rng.uniform(-2, 2, (7, 3)), rng.uniform(0.3, 0.7, 7), material=m, name=f"s{i}")
         for i, m in enumerate(materials)
     ]
+    shapes.append(ph.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uvs=uvs, material=painted, name="wall"))
     lamp = ph.Material("emissive", radiance=(4.0, 3.0, 2.0))
     face = ph.Mesh([[-3, 4, -3], [3, 4, -3], [0, 4, 3]], [[0, 1, 2]], material=lamp, name="lamp")
     copied = [ph.Spheres([[0, 0, 0]], 0.4, material=lamp, name="bulb"), *shapes[:1]]

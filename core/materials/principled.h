@@ -125,7 +125,7 @@ PH_INLINE float index_of_reflectance(float f0) {
   return (1.0f + root) / (1.0f - root);
 }
 
-// --- The base -----------------------------------------------------------------------------------
+// --- The base ---------------------------------------------------------------------------------
 
 // Narrower lobes are widened: there is no mirror here. Nor are indices nearer to 1, at which
 // refraction could not be told from passing straight on.
@@ -169,19 +169,26 @@ struct PrincipledValue {
   float pdf;
 };
 
-// gain: metal_gain of both directions, which are above the surface. chances: of mirrors, and of
-// what is sampled as the body is.
-PH_INLINE PrincipledValue base_value(const Base& b, const Microfacets& facets, float ior,
-                                     Vec3 color, Diffuse body, float gain, float mirror_chance,
-                                     float matte_chance, Vec3 wo, Vec3 wi) {
+// What the base adds to `sum`. gain: metal_gain of both directions, which are above the surface.
+// chances: of mirrors, and of what is sampled as the body is.
+PH_INLINE void add_base(const Base& b, const Microfacets& facets, float ior, Vec3 color,
+                        Diffuse body, float gain, float mirror_chance, float matte_chance, Vec3 wo,
+                        Vec3 wi, PrincipledValue& sum) {
   const Reflection f = reflection(facets, wo, wi, true);
   const float facing = min(f.facing, 1.0f);
   const Vec3 metal = reflected(lerp(color, {1, 1, 1}, schlick_weight(facing)), gain);
   const float gloss = fresnel_dielectric(facing, ior).reflected;
   const float cosine = cosine_hemisphere_pdf(wi);
-  return {(metal * b.metal + b.film * gain) * f.value +
-              b.gloss * (gloss * f.pdf * visible_share(facets, wi)) + b.matte * eval(body, wo, wi),
-          mirror_chance * f.pdf + matte_chance * cosine};
+  sum.value += (metal * b.metal + b.film * gain) * f.value;
+  sum.value += b.gloss * (gloss * f.pdf * visible_share(facets, wi));
+  sum.value += b.matte * eval(body, wo, wi);
+  sum.pdf += mirror_chance * f.pdf;
+  sum.pdf += matte_chance * cosine;
+}
+
+// What gloss reflects. The body is matte from behind, and within what is denser, too.
+inline float gloss_reflected(const Microfacets& facets, float ior, Vec3 wo) {
+  return coat_reflected(make_coat(facets, max(ior, 1.0f / ior)), wo);
 }
 
 // What most surfaces are: the base alone, opaque and isotropic.
@@ -224,8 +231,7 @@ inline PlainPrincipled::To to(const PlainPrincipled& m, Vec3 wi) {
   return {m.metallic > 0.0f ? metal_gain(facets(m), wi) : 1.0f};
 }
 inline PlainPrincipled::From from(const PlainPrincipled& m, Vec3 wo) {
-  const float dull = 1.0f - m.metallic;
-  return {to(m, wo).gain, dull > 0.0f ? coat_reflected(make_coat(facets(m), m.ior), wo) : 0.0f};
+  return {to(m, wo).gain, m.metallic < 1.0f ? gloss_reflected(facets(m), m.ior, wo) : 0.0f};
 }
 
 PH_INLINE BsdfValue evaluate(const PlainPrincipled& m, const PlainPrincipled::From& seen,
@@ -236,8 +242,9 @@ PH_INLINE BsdfValue evaluate(const PlainPrincipled& m, const PlainPrincipled::Fr
   const Base b = base(m, seen);
   const float mirror = chance(b), sum = b.mirror_share + b.matte_share;
   const float matte = sum > 0.0f ? b.matte_share / sum : 0.0f;
-  const PrincipledValue v = base_value(b, facets(m), m.ior, m.color, {m.color, 0.0f},
-                                       seen.gain * to.gain, mirror, matte, wo, wi);
+  PrincipledValue v = {{0, 0, 0}, 0.0f};
+  add_base(b, facets(m), m.ior, m.color, {m.color, 0.0f}, seen.gain * to.gain, mirror, matte, wo,
+           wi, v);
   return {v.value * above, v.pdf * above};
 }
 
@@ -318,10 +325,8 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   const float metal = under * m.metallic, other = under - metal;
   const float dull = other * (1.0f - m.transmission), clear = other * m.transmission;
   const float bare = 1.0f - m.iridescence;
-  // The body is matte from behind too.
   const float gloss_eta = max(ior, 1.0f / ior);
-  const float gloss_share =
-      dull > 0.0f ? coat_reflected(make_coat(l.facets, gloss_eta), l.wo) : 0.0f;
+  const float gloss_share = dull > 0.0f ? gloss_reflected(l.facets, ior, l.wo) : 0.0f;
   Vec3 on_metal = {0, 0, 0}, on_other = {0, 0, 0};
   if (m.iridescence > 0.0f) {
     on_metal = film_albedo(l.wo.z, m.iridescence_ior, m.iridescence_thickness,
@@ -357,11 +362,8 @@ inline PrincipledValue value_within(const Principled& m, const Layers& l, Vec3 w
   if (!(wi.z > 0.0f) || !(l.wo.z > 0.0f)) return r;
 
   const float gain = l.compensated ? l.gain_o * metal_gain(l.facets, wi) : 1.0f;
-  const PrincipledValue base =
-      base_value(l.base, l.facets, l.inner.ior, m.color, l.body, gain, l.chance[kMirrorLobe],
-                 l.chance[kMatteLobe] + l.chance[kSheenLobe], l.wo, wi);
-  r.value += base.value;
-  r.pdf += base.pdf;
+  add_base(l.base, l.facets, l.inner.ior, m.color, l.body, gain, l.chance[kMirrorLobe],
+           l.chance[kMatteLobe] + l.chance[kSheenLobe], l.wo, wi, r);
   if (l.chance[kSheenLobe] > 0.0f) {
     r.value += m.sheen_color * sheen_value(sheen_alpha(m), l.wo, wi);
   }

@@ -39,12 +39,10 @@ PH_INLINE void plain_and_others(const Kinds& kinds, u32 lanes, Together&& togeth
 }
 
 // What tables have of directions, for plain forms that need them.
-template <class Form>
+template <NeedsTables Form>
 inline void look_up(u32 lanes, const Vertices& v, const Rows<Vec3, kBatch>& wi,
                     Rows<TableBlock, kBatch>& tables) {
-  if constexpr (NeedsTables<Form>) {
-    for_each_bit(lanes, [&](u32 k) { tables.set(k, to(v.plain.at<Form>(k), wi.at(k))); });
-  }
+  for_each_bit(lanes, [&](u32 k) { tables.set(k, to(v.plain.at<Form>(k), wi.at(k))); });
 }
 
 }  // namespace parhelion::PH_ISA

@@ -152,7 +152,7 @@ inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v)
         kinds, own & lit,
         [&]<class Form>(u32 plain, const auto& these) {
           Rows<TableBlock, kBatch> tables = {};
-          look_up<Form>(plain, v, v.local_wi, tables);
+          if constexpr (NeedsTables<Form>) look_up<Form>(plain, v, v.local_wi, tables);
           value_of_plain<Form>(these, tables, v);
         },
         [&](u32 k) {

@@ -11,8 +11,8 @@ class TexelQueue {
   PH_INLINE TexelQueue(const SceneView& scene, const Paths& paths, const Vertices& vertices)
       : scene_(scene), paths_(paths), vertices_(vertices) {}
 
-  // Puts what a texture has where a path has met a surface into `to`, until `finish` has returned.
-  // width: of the footprint, in units of length.
+  // Puts what a texture has where a path has met a surface into `to`, by the time that
+  // `finish` has returned. width: of the footprint, in units of length.
   PH_INLINE void add(u32 texture, u32 k, float width, Texel& to) {
     const TextureRecord& record = scene_.textures.records[texture];
     if (!is_smooth_image(record)) {
@@ -22,7 +22,7 @@ class TexelQueue {
     const Image image = from_block<Image>(record.block);
     const float own_width = width * vertices_.uv_rate[k] * stretch(record);
     images_.set(count_, scene_.textures.images[record.image], own_uv(record, vertices_.uv[k]),
-                image.filter == 0.0f ? own_width : 0.0f, static_cast<Wrap>(image.wrap_u),
+                filtered_width(image, own_width), static_cast<Wrap>(image.wrap_u),
                 static_cast<Wrap>(image.wrap_v));
     to_[count_++] = &to;
     if (count_ == kBatch) finish();

@@ -360,6 +360,8 @@ void plain_is_the_whole(const std::vector<ParamBlock>& blocks) {
       Vec2 u = draw2(s, 2);
       if (i % 8 == 0) wo = normalize(Vec3{wo.x, wo.y, 1e-3f});
       if (i % 16 == 0) wi = normalize(Vec3{-wo.x, -wo.y, 1e-3f});
+      if (i % 32 == 1) wo = normalize(Vec3{wo.x, wo.y, 0.0f});
+      if (i % 32 == 2) wi = normalize(Vec3{wi.x, wi.y, 0.0f});
       if (i % 5 == 0) u.x = i % 2 == 0 ? 0.0f : 1.0f - 0x1p-24f;
       if (i % 7 == 0) u.y = i % 2 == 0 ? 0.0f : 1.0f - 0x1p-24f;
       const BsdfDraws draws = {u, cosine_hemisphere(u), draw1(s, 3), draw1(s, 4)};
@@ -394,13 +396,33 @@ void plain_materials_are_the_whole() {
     CHECK(!Form::fits(from_block<Conductor>(metal(0.3f, 0.0f, 1, 0))));
   });
   const auto principled = [](float metallic, float roughness, float ior, float specular) {
-    return block(MaterialKind::principled,
-                 {0.8f, 0.6f, 0.3f, metallic, roughness, 0, 0, ior,  specular, 0.9f, 1,   0.7f, 0,
-                  0,    0,    0.1f, 1.5f,     0,         0, 0, 0.5f, 0,        1.3f, 400, 0});
+    Principled m{};
+    m.color = {0.8f, 0.6f, 0.3f}, m.specular_color = {0.9f, 1.0f, 0.7f};
+    m.metallic = metallic, m.roughness = roughness, m.ior = ior, m.specular = specular;
+    m.clearcoat_roughness = 0.1f, m.clearcoat_ior = 1.5f, m.sheen_roughness = 0.5f;
+    m.iridescence_ior = 1.3f, m.iridescence_thickness = 400.0f;
+    return m;
   };
+  const auto as_block = [](const Principled& m) {
+    ParamBlock b = block(MaterialKind::principled, {});
+    to_block(m, b);
+    return b;
+  };
+  // The last two as within denser glass
   plain_is_the_whole<Principled, PlainPrincipled>(
-      {principled(0.0f, 0.5f, 1.5f, 1), principled(1.0f, 0.2f, 1.5f, 1),
-       principled(0.4f, 0.0f, 1.3f, 0.5f), principled(0.9f, 1.0f, 1.0f, 0)});
+      {as_block(principled(0.0f, 0.5f, 1.5f, 1)), as_block(principled(1.0f, 0.2f, 1.5f, 1)),
+       as_block(principled(0.4f, 0.0f, 1.3f, 0.5f)), as_block(principled(0.9f, 1.0f, 1.0f, 0)),
+       as_block(principled(0.0f, 0.5f, 0.625f, 1)), as_block(principled(0.4f, 0.3f, 0.98f, 1))});
+  for (float Principled::* layer :
+       {&Principled::transmission, &Principled::clearcoat, &Principled::iridescence,
+        &Principled::anisotropy, &Principled::diffuse_roughness}) {
+    Principled m = principled(0.5f, 0.5f, 1.5f, 1);
+    m.*layer = 0.1f;
+    CHECK(!PlainPrincipled::fits(m));
+  }
+  Principled velvet = principled(0.5f, 0.5f, 1.5f, 1);
+  velvet.sheen_color.y = 0.1f;
+  CHECK(!PlainPrincipled::fits(velvet));
   const auto plastic = [](float ior, float roughness, float nonlinear, float compensation) {
     return block(MaterialKind::plastic,
                  {0.8f, 0.0f, 0.3f, 1, 0.9f, 0.7f, ior, roughness, 0, nonlinear, compensation});
@@ -408,6 +430,12 @@ void plain_materials_are_the_whole() {
   plain_is_the_whole<Plastic, SmoothPlastic>(
       {plastic(1.49f, 0, 0, 0), plastic(2.5f, 0.01f, 1, 1), plastic(1.0f, 0, 0, 1)});
   CHECK(!SmoothPlastic::fits(from_block<Plastic>(plastic(1.49f, 0.1f, 0, 0))));
+  // By hand: straight down an index of 1.5 reflects 0.04, and its inside throws back 1 - (1 -
+  // 0.0917765) / 2.25 = 0.596345 of diffuse light.
+  const BsdfValue down = value_of(SmoothPlastic::of(from_block<Plastic>(plastic(1.5f, 0, 0, 0))),
+                                  {0, 0, 1}, {0, 0, 1});
+  const float base = 0.96f * 0.96f / (kPi * 2.25f * (1.0f - 0.596345f));
+  CHECK(std::abs(down.value.x - 0.8f * base) < 1e-5f && down.value.y == 0.0f);
   plain_is_the_whole<Dielectric, PlainDielectric>(
       {block(MaterialKind::dielectric, {1, 1, 1, 1.5f, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 0}),
        block(MaterialKind::dielectric,
