@@ -154,13 +154,15 @@ PH_INLINE void add_light(const RenderView& view, Paths& paths, u32 k, Vec3 radia
   add_scattered(view, paths, k, paths.throughput.at(k) * radiance * weight, paths.depth[k] - 1);
 }
 
-// Adds what the surface that the path has met gives off, and returns it.
-// texel: what the texture of that has there.
+// Adds what the surface that the path has met gives off, and returns it. texture: what the texture
+// of that has there, if it has one.
 PH_INLINE Vec3 add_emission(const SceneView& scene, const RenderView& view, const Surface& s,
-                            const Texel& texel, Paths& paths, u32 k) {
+                            const Texel& texture, Paths& paths, u32 k) {
   const Vec3 direction = paths.direction.at(k);
-  const Vec3 shine =
-      emission(*s.material, s.color, dot(direction, s.normal) < 0.0f, max(texel.rgb, {0, 0, 0}));
+  const bool front = dot(direction, s.normal) < 0.0f;
+  const Vec3 shown =
+      emits_texture(*s.material, front) ? max(texture.rgb, {0, 0, 0}) : Vec3{1, 1, 1};
+  const Vec3 shine = emission(*s.material, s.color, front, shown);
   if (!black(shine)) {
     const float density =
         paths.scatter_pdf[k] > 0.0f ? emitter_pdf(scene, s, paths.receiver.at(k), direction) : 0.0f;

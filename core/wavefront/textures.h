@@ -46,8 +46,7 @@ class TexelQueue {
 inline void find_emission(const SceneView& scene, const Paths& p, u32 lanes, Vertices& v) {
   u32 textured = 0;
   for_each_bit(lanes, [&](u32 k) {
-    v.emission[k] = {{1, 1, 1}, 1};
-    if (emits_texture(*v.material[k], v.front[k] != 0)) textured |= 1u << k;
+    textured |= (emits_texture(*v.material[k], v.front[k] != 0) ? 1u : 0u) << k;
   });
   if (textured == 0) return;
   TexelQueue queue(scene, p, v);
@@ -59,11 +58,12 @@ inline void find_emission(const SceneView& scene, const Paths& p, u32 lanes, Ver
 // The parameters of materials, with what stands for them here: textures, and the primitives' own
 // colours; and what maps of normals have.
 inline void find_parameters(const SceneView& scene, const Paths& p, u32 lanes, Vertices& v) {
-  u32 textured = 0;
+  u32 textured = 0, colored = 0;
   for_each_bit(lanes, [&](u32 k) {
     const MaterialRecord& m = *v.record[k];
     v.block[k] = &m.block;
-    if (m.binding_count != 0 || m.normal_map != kNone) textured |= 1u << k;
+    textured |= (m.binding_count != 0 || m.normal_map != kNone ? 1u : 0u) << k;
+    colored |= (has_color(v.color[k]) ? 1u : 0u) << k;
   });
   if (textured != 0) {
     Texel texel[kBatch][kBlockFloats];
@@ -88,8 +88,7 @@ inline void find_parameters(const SceneView& scene, const Paths& p, u32 lanes, V
           [&](const TextureBinding& b) { put(v.own[k], b, texel[k][n - 1]); });
     });
   }
-  for_each_bit(lanes, [&](u32 k) {
-    if (!has_color(v.color[k])) return;
+  for_each_bit(colored, [&](u32 k) {
     if (v.block[k] != &v.own[k]) v.own[k] = v.record[k]->block;
     v.block[k] = &v.own[k];
     set_block_color(v.own[k], v.color[k]);

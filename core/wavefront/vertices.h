@@ -50,7 +50,7 @@ struct Vertices {
   const MaterialRecord* record[kBatch];
   const ParamBlock* block[kBatch];
   ParamBlock own[kBatch];
-  Texel emission[kBatch];  // what the texture of what it gives off has here
+  Texel emission[kBatch];  // what the texture of what it gives off has here, if it has one
   Texel mapped[kBatch];    // and the map of its normals, if it has one
   Rows<PlainBlock, kBatch> plain;
   Rows<TableBlock, kBatch> from;  // what tables have of local_wo, of plain forms that need them
