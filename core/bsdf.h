@@ -21,10 +21,9 @@
 //                           parameters: structs F of these. Where F::fits(m), sample and evaluate
 //                           say the same of F::of(m) as of m, without branches: they become
 //                           vectors for sixteen paths at once. Either
-//     whole()               has sample and evaluate: F itself, or a material that is without
-//     branches
-//                           once a compiler knows the parameters that F lacks; or, if more of
-//                           tables is needed than F::of looks up, there are
+//     whole()               has sample and evaluate: F itself, or a material that has no branches
+//                           once a compiler knows the parameters that F lacks;
+//                           or, if more of tables is needed than F::of looks up, there are
 //     F::From, F::To        of floats: what tables have of wo, and of wi
 //     from(f, wo), to(f, wi)          look it up, for one path after the other
 //     evaluate(f, from, to, wo, wi)

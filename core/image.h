@@ -127,7 +127,7 @@ PH_INLINE Texel fetch(const ImageView& image, u32 level, u32 x, u32 y) {
       image, [&](auto&& texel) { return to_texel(texel(texel_number(image, level, x, y))); });
 }
 
-// What follows, up to TexelPair, has no branches: loops over many lookups become vectors.
+// What follows, up to texels_around, has no branches: loops over many lookups become vectors.
 
 // A coordinate brought near [0, 1], where `wrap_texel` finishes the work on whole texels: there is
 // no number that does not fit an int. What is not finite ends up at a border.

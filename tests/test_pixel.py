@@ -53,7 +53,7 @@ def everything() -> ph.Scene:
         "principled",
         color=image(256, 3),
         metallic=(several := image(256, 4, "b")),
-        roughness=ph.Texture(**{**several.params, "type": "image", "channel": "g"}),
+        roughness=ph.Texture("image", image=several.params["image"], channel="g"),
         specular=checker,
         normal_map=image(256, 3),
         emission=image(40, 3),
