@@ -186,9 +186,10 @@ PH_INLINE void add_base(const Base& b, const Microfacets& facets, float ior, Vec
   sum.pdf += matte_chance * cosine;
 }
 
-// What gloss reflects. The body is matte from behind, and within what is denser, too.
+// The body is matte from behind, and within what is denser, too.
+PH_INLINE float gloss_index(float ior) { return max(ior, 1.0f / ior); }
 inline float gloss_reflected(const Microfacets& facets, float ior, Vec3 wo) {
-  return coat_reflected(make_coat(facets, max(ior, 1.0f / ior)), wo);
+  return coat_reflected(make_coat(facets, gloss_index(ior)), wo);
 }
 
 // What most surfaces are: the base alone, opaque and isotropic.
@@ -325,7 +326,7 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   const float metal = under * m.metallic, other = under - metal;
   const float dull = other * (1.0f - m.transmission), clear = other * m.transmission;
   const float bare = 1.0f - m.iridescence;
-  const float gloss_eta = max(ior, 1.0f / ior);
+  const float gloss_eta = gloss_index(ior);
   const float gloss_share = dull > 0.0f ? gloss_reflected(l.facets, ior, l.wo) : 0.0f;
   Vec3 on_metal = {0, 0, 0}, on_other = {0, 0, 0};
   if (m.iridescence > 0.0f) {

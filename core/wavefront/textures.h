@@ -20,9 +20,11 @@ class TexelQueue {
       return;
     }
     const Image image = from_block<Image>(record.block);
-    const float own_width = width * vertices_.uv_rate[k] * stretch(record);
-    images_.set(count_, scene_.textures.images[record.image], own_uv(record, vertices_.uv[k]),
-                filtered_width(image, own_width), static_cast<Wrap>(image.wrap_u),
+    const TexturePoint own =
+        own_point(record, {vertices_.uv[k], width * vertices_.uv_rate[k], {0, 0, 0}},
+                  [](u32) { return Texel{{0, 0, 0}, 1}; });  // it takes no attribute for its uv
+    images_.set(count_, scene_.textures.images[record.image], own.uv,
+                filtered_width(image, own.width), static_cast<Wrap>(image.wrap_u),
                 static_cast<Wrap>(image.wrap_v));
     to_[count_++] = &to;
     if (count_ == kBatch) finish();
