@@ -100,46 +100,48 @@ struct LightPick {
   u32 record;  // kNone: the primitive in `slot`, if there is one
   Slot slot;
   float probability;
+  float u;  // what is left of the number that chose it
 };
 
-// Of the lights in the tree, as its choice is, which is made where choice.y is not below the share
-// of those outside.
-PH_INLINE LightPick pick_inside(const SceneView& scene, u32 light, float probability) {
-  if (light == kNone) return {kNone, kNoSlot, 0.0f};
-  const float p = probability * (1.0f - scene.outside_share);
-  if (light < scene.emitter_count) return {kNone, scene.emitters[light], p};
-  return {light - scene.emitter_count, kNoSlot, p};
-}
-
-PH_INLINE LightPick pick_outside(const SceneView& scene, float choice) {
-  float place = choice / scene.outside_share;
-  u32 index = scene.outside_first;  // they are few
-  for (; index + 1 < scene.smooth_first && place >= scene.lights[index].share; ++index) {
-    place -= scene.lights[index].share;
-  }
-  return {index, kNoSlot, scene.outside_share * scene.lights[index].share};
+// Of the lights in the tree, as its choice is.
+PH_INLINE LightPick pick_inside(const SceneView& scene, const LightChoice& c) {
+  if (c.light == kNone) return {kNone, kNoSlot, 0.0f, 0.0f};
+  const float p = c.probability * (1.0f - scene.outside_share);
+  if (c.light < scene.emitter_count) return {kNone, scene.emitters[c.light], p, c.u};
+  return {c.light - scene.emitter_count, kNoSlot, p, c.u};
 }
 
 // Of a number that has not chosen a light from outside, a new one.
-PH_INLINE float choice_inside(const SceneView& scene, float choice) {
-  return (choice - scene.outside_share) / (1.0f - scene.outside_share);
+PH_INLINE double number_inside(const SceneView& scene, double number) {
+  const double share = static_cast<double>(scene.outside_share);
+  return (number - share) / (1.0 - share);
 }
 
-PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, Vec2 choice) {
-  if (choice.y < scene.outside_share) return pick_outside(scene, choice.y);
-  // Of the 48 bits that the tree takes, the lower ones have already been used.
-  const LightChoice c = choose_light(scene.light_tree, from.point, from.normal,
-                                     {choice.x, choice_inside(scene, choice.y)});
-  return pick_inside(scene, c.light, c.probability);
+PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, double number) {
+  const double outside = static_cast<double>(scene.outside_share);
+  if (number >= outside) {
+    return pick_inside(scene, choose_light(scene.light_tree, from.point, from.normal,
+                                           number_inside(scene, number)));
+  }
+  double place = number / outside;
+  u32 index = scene.outside_first;  // they are few
+  for (; index + 1 < scene.smooth_first; ++index) {
+    const double share = static_cast<double>(scene.lights[index].share);
+    if (place < share) break;
+    place -= share;
+  }
+  const float share = scene.lights[index].share;
+  return {index, kNoSlot, scene.outside_share * share, unused(place / static_cast<double>(share))};
 }
 
 PH_INLINE DirectSample record_sample(const LightSample& s) {
   return {s.direction, s.distance, s.pdf, s.radiance, s.delta, kNoSlot};
 }
 
-// A direction towards the light that was picked.
+// A direction towards the light that was picked; v: the second number that places the point.
 PH_INLINE DirectSample sample_pick(const SceneView& scene, const LightPick& pick, Vec3 from,
-                                   Vec2 u) {
+                                   float v) {
+  const Vec2 u = {pick.u, v};
   DirectSample out = {{0, 0, 1}, 0.0f, 0.0f, {0, 0, 0}, false, kNoSlot};
   if (pick.record != kNone) {
     out = record_sample(sample_light(scene.lights[pick.record], scene.tables, from, u));
@@ -155,9 +157,10 @@ PH_INLINE DirectSample sample_pick(const SceneView& scene, const LightPick& pick
   return out;
 }
 
-PH_INLINE DirectSample sample_lights(const SceneView& scene, const Receiver& from, Vec2 choice,
-                                     Vec2 u) {
-  return sample_pick(scene, pick_light(scene, from, choice), from.point, u);
+PH_INLINE DirectSample sample_lights(const SceneView& scene, const Receiver& from, Vec2 point,
+                                     float lower) {
+  const LightPick pick = pick_light(scene, from, light_number(point.x, lower));
+  return sample_pick(scene, pick, from.point, point.y);
 }
 
 // Directions towards primitives of one kind from sixteen points, as sample_towards finds them.

@@ -151,13 +151,23 @@ PH_INLINE u32 choose_lane(const float* weight, float sum, double& rest) {
   return lane;
 }
 
-// Chooses a light. The two numbers are the upper and the lower half of one of 48 bits: among a
-// million lights a choice uses 20 bits, and what is left of 24 could no longer tell neighbours'
-// probabilities apart, let alone be used again.
-inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 normal, Vec2 u) {
+// The number that chooses a light; what is left of it is the first of the two that place a point on
+// the light. So points spread as evenly over a lamp of two triangles as over one: if the choice had
+// a number of its own, either triangle would get a random part of them. The upper 24 of its 48 bits
+// are `point`, which samples spread; the lower ones are a number that has nothing else to do.
+PH_INLINE double light_number(float point, float lower) {
+  return static_cast<double>(point) + static_cast<double>(lower) * 0x1p-24;
+}
+
+// What is left of a number in [0, 1) that has made its choices.
+PH_INLINE float unused(double rest) { return min(static_cast<float>(rest), 0x1.fffffep-1f); }
+
+// Chooses a light by a number of 48 bits: among a million lights a choice uses 20, and what is left
+// of 24 could no longer tell neighbours' probabilities apart, let alone be used again.
+inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 normal, double u) {
   const LightChoice nothing = {kNone, 0.0f, 0.0f};
   if (tree.light_count == 0) return nothing;
-  double rest = static_cast<double>(u.x) + static_cast<double>(u.y) * 0x1p-24;
+  double rest = u;
   float share[kMaxLightDepth];
   int depth = 0;
   u32 index = 0;
@@ -172,7 +182,7 @@ inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 norma
     if (child & kLightBit) {
       float probability = 1.0f;
       while (depth > 0) probability *= share[--depth];
-      return {child & ~kLightBit, probability, min(static_cast<float>(rest), 0x1.fffffep-1f)};
+      return {child & ~kLightBit, probability, unused(rest)};
     }
     index = child;
   }
@@ -181,13 +191,14 @@ inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 norma
 // Sixteen points that are lit, with their surfaces' normals or 0, and the numbers that choose their
 // lights.
 struct LitPoints {
-  float x[16], y[16], z[16], normal_x[16], normal_y[16], normal_z[16], u[2][16];
+  float x[16], y[16], z[16], normal_x[16], normal_y[16], normal_z[16];
+  double u[16];
 };
 
 // What choose_light takes for each of sixteen points where all lights are children of the root, for
 // all at once, to the same bits. Of none the light is kNone.
 inline void choose_lights(const LightTreeView& tree, const LitPoints& at, u32 (&light)[16],
-                          float (&probability)[16]) {
+                          float (&probability)[16], float (&u)[16]) {
   const LightNode& node = tree.nodes[0];
   const Lanes nx = load(at.normal_x), ny = load(at.normal_y), nz = load(at.normal_z);
   const Lanes zero = all(0.0f);
@@ -211,10 +222,9 @@ inline void choose_lights(const LightTreeView& tree, const LitPoints& at, u32 (&
   }
   float sums[16], share[16] = {};
   store(sums, sum);
-  double target[16], before[16] = {};
+  double target[16], start[16] = {}, before[16] = {};
   for (u32 i = 0; i < 16; ++i) {
-    const double rest = static_cast<double>(at.u[0][i]) + static_cast<double>(at.u[1][i]) * 0x1p-24;
-    target[i] = rest * static_cast<double>(sums[i]);
+    target[i] = at.u[i] * static_cast<double>(sums[i]);
     light[i] = kNone;
   }
   for (u32 k = 0; k < 16; ++k) {
@@ -224,10 +234,14 @@ inline void choose_lights(const LightTreeView& tree, const LitPoints& at, u32 (&
       const bool taken = target[i] >= before[i] && weight[k][i] != 0.0f;
       light[i] = taken ? child : light[i];
       share[i] = taken ? weight[k][i] : share[i];
+      start[i] = taken ? before[i] : start[i];
       before[i] += static_cast<double>(weight[k][i]);
     }
   }
-  for (u32 i = 0; i < 16; ++i) probability[i] = share[i] / sums[i];
+  for (u32 i = 0; i < 16; ++i) {
+    probability[i] = share[i] / sums[i];
+    u[i] = unused((target[i] - start[i]) / static_cast<double>(share[i]));
+  }
 }
 
 // The probability with which choose_light takes a light: the same bits, being the same product

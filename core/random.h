@@ -19,11 +19,11 @@ enum Draw : u32 {
   kDrawChannel = ~0u,  // the colour that a path goes on with, once a prism has split it
 };
 enum BounceDraw : u32 {
-  kDrawLobe,       // which lobe of a material scatters
-  kDrawLobe2,      // and which of that lobe's parts
-  kDrawDirection,  // the direction it scatters to
-  kDrawLight,      // which light is asked
-  kDrawLightPoint,
+  kDrawLobe,        // which lobe of a material scatters
+  kDrawLobe2,       // and which of that lobe's parts
+  kDrawDirection,   // the direction it scatters to
+  kDrawLight,       // lower bits of what chooses a light
+  kDrawLightPoint,  // what chooses it, and places the point on it
   kDrawRoulette,
   kDrawBlend,    // which of two blended materials is there
   kDrawOpacity,  // whether a ray finds a surface or a hole in it

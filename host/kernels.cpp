@@ -203,9 +203,8 @@ void bsdf_eval(const ParamBlock& block, Vec3 wo, const Vec3* wi, u64 n, Vec3* va
 void light_sample(const SceneView& scene, Vec3 from, u64 seed, u64 n, LightProbe* out) {
   for (u64 i = 0; i < n; ++i) {
     const Sampler s = make_sampler(SamplerKind::independent, 0, 0, static_cast<u32>(i), seed);
-    const Vec2 u = draw2(s, kDrawLight);
-    const Vec2 v = draw2(s, kDrawLightPoint);
-    const DirectSample light = sample_lights(scene, {from, {0, 0, 0}}, u, v);
+    const DirectSample light =
+        sample_lights(scene, {from, {0, 0, 0}}, draw2(s, kDrawLightPoint), draw1(s, kDrawLight));
     out[i] = {light.direction, light.distance, light.pdf, light.radiance, light.delta};
   }
 }

@@ -47,7 +47,7 @@ class Recorder {
   // Of the vertex: what will be drawn there, known before the path has gone on.
   BsdfSample next_{};
   bool sampled_ = false;
-  Vec2 choice_{};
+  double light_number_ = 0.0;  // of the vertex that is under way
 
   TracedVertex& last() { return out_.vertices.back(); }
 
@@ -115,7 +115,7 @@ class Recorder {
     kinds.lanes[v.block[0]->kind] = 1;
     BounceDraws draws = {};
     draw_bounces(own, kinds, true, draws);
-    choice_ = {draws.choice[0][0], draws.choice[1][0]};
+    light_number_ = light_number(draws.point[0][0], draws.light[0]);
     next_ = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
     sampled_ = with_material(*v.block[0], [&](const auto& material) {
       return sample(material, v.local_wo.at(0), draws.bsdf(0), next_);
@@ -136,7 +136,7 @@ class Recorder {
       const u32 id = with_primitive(scene_, slot, [](const auto&, u32 own) { return own; });
       light.place = place(slot, id);
     } else {
-      light.record = pick_light(scene_, v.receiver.at(0), choice_).record;
+      light.record = pick_light(scene_, v.receiver.at(0), light_number_).record;
     }
   }
 

@@ -6,7 +6,7 @@ namespace parhelion::PH_ISA {
 
 // The numbers that a bounce takes, by draw and lane.
 struct BounceDraws {
-  float choice[2][kBatch], point[2][kBatch], direction[2][kBatch];
+  float light[kBatch], point[2][kBatch], direction[2][kBatch];
   Rows<Vec3, kBatch> hemisphere;
   float lobe[kBatch], lobe2[kBatch], roulette[kBatch];
 
@@ -32,7 +32,7 @@ inline void draw_bounces(Paths& paths, const Kinds& kinds, bool lit, BounceDraws
   if (lobes > 1) draw1(s, kDrawLobe2, draws.lobe2);
   if (deepest >= kRouletteStart) draw1(s, kDrawRoulette, draws.roulette);
   if (lit) {
-    draw2(s, kDrawLight, draws.choice[0], draws.choice[1]);
+    draw1(s, kDrawLight, draws.light);
     draw2(s, kDrawLightPoint, draws.point[0], draws.point[1]);
   }
   for (u32 k = 0; k < kBatch; ++k) {

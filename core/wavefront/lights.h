@@ -28,10 +28,10 @@ struct PickedLights {
     return true;
   }
   PH_INLINE void sample(const SceneView& scene, const LightPick (&pick)[kBatch],
-                        const BounceDraws& draws, Vertices& v) {
+                        const float (&place)[2][kBatch], Vertices& v) {
     if (lanes == 0) return;
     Rows<TowardsSample, kBatch> towards;
-    sample_towards(shape, v.receiver, draws.point, towards);
+    sample_towards(shape, v.receiver, place, towards);
     for_each_bit(lanes, [&](u32 k) {
       DirectSample light = emitter_sample(scene, pick[k].slot, nullptr, shape.at(k), id[k],
                                           v.receiver.at(k).point, towards.at(k));
@@ -45,40 +45,43 @@ struct PickedLights {
 inline u32 ask(const SceneView& scene, u32 lanes, const BounceDraws& draws, Vertices& v) {
   const LightTreeView& tree = scene.light_tree;
   const bool few = tree.light_count != 0 && tree.light_count <= kFewLights;
+  const double outside = static_cast<double>(scene.outside_share);
+  double number[kBatch];
+  for (u32 k = 0; k < kBatch; ++k) number[k] = light_number(draws.point[0][k], draws.light[k]);
   u32 chosen[kBatch];
-  float probability[kBatch];
+  float probability[kBatch], left[kBatch];
   if (few) {
     LitPoints at;
     for (u32 k = 0; k < kBatch; ++k) {
       const Receiver r = v.receiver.at(k);
       at.x[k] = r.point.x, at.y[k] = r.point.y, at.z[k] = r.point.z;
       at.normal_x[k] = r.normal.x, at.normal_y[k] = r.normal.y, at.normal_z[k] = r.normal.z;
-      at.u[0][k] = draws.choice[0][k], at.u[1][k] = choice_inside(scene, draws.choice[1][k]);
+      at.u[k] = number_inside(scene, number[k]);
     }
-    choose_lights(tree, at, chosen, probability);
+    choose_lights(tree, at, chosen, probability, left);
   }
   // Those to which directions are found for all at once.
   LightPick picks[kBatch];
+  float place[2][kBatch] = {};  // of the point on the light
   PickedLights<Triangle> triangles;
   PickedLights<Sphere> spheres;
   PanoramaBatch<kBatch> panoramas;
   u32 around[kBatch], around_count = 0;
   for_each_bit(lanes, [&](u32 k) {
-    const Vec2 choice = {draws.choice[0][k], draws.choice[1][k]};
-    const Vec2 point = {draws.point[0][k], draws.point[1][k]};
     LightPick& pick = picks[k];
-    pick = few && !(choice.y < scene.outside_share) ? pick_inside(scene, chosen[k], probability[k])
-                                                    : pick_light(scene, v.receiver.at(k), choice);
+    pick = few && number[k] >= outside ? pick_inside(scene, {chosen[k], probability[k], left[k]})
+                                       : pick_light(scene, v.receiver.at(k), number[k]);
+    place[0][k] = pick.u, place[1][k] = draws.point[1][k];
     if (triangles.take(scene.triangles, ShapeKind::triangle, pick, k)) return;
     if (spheres.take(scene.spheres, ShapeKind::sphere, pick, k)) return;
     if (pick.record != kNone && is_panorama(scene.lights[pick.record])) {
       const LightRecord& record = scene.lights[pick.record];
       panoramas.set(around_count, scene.tables.images[record.image],
                     scene.tables.distributions[record.distribution],
-                    is_latlong(from_block<Envmap>(record.block)), point);
+                    is_latlong(from_block<Envmap>(record.block)), {place[0][k], place[1][k]});
       around[around_count++] = k;
     } else {
-      v.set_light(k, sample_pick(scene, pick, v.receiver.at(k).point, point));
+      v.set_light(k, sample_pick(scene, pick, v.receiver.at(k).point, place[1][k]));
     }
   });
   if (around_count != 0) panoramas.sample(around_count);
@@ -90,8 +93,8 @@ inline u32 ask(const SceneView& scene, u32 lanes, const BounceDraws& draws, Vert
     light.pdf *= pick.probability;
     v.set_light(around[i], light);
   }
-  triangles.sample(scene, picks, draws, v);
-  spheres.sample(scene, picks, draws, v);
+  triangles.sample(scene, picks, place, v);
+  spheres.sample(scene, picks, place, v);
   u32 lit = 0;
   for_each_bit(lanes, [&](u32 k) {
     if (v.light_pdf[k] > 0.0f && !black(v.radiance.at(k))) lit |= 1u << k;

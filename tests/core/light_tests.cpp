@@ -43,6 +43,8 @@ u32 random_bits() {
 }
 float uniform() { return to_unit(random_bits()); }
 Vec2 uniform2() { return {uniform(), uniform()}; }
+// As long as what chooses lights.
+double long_uniform() { return light_number(uniform(), uniform()); }
 Vec3 random_direction() { return uniform_sphere(uniform2()); }
 Vec3 random_point() { return {uniform(), uniform(), uniform()}; }
 
@@ -143,7 +145,7 @@ void tree_chooses_as_it_says() {
       if (expected[n] < 0.5) expected[n] = 0;
       double low = 0;
       for (int i = 0; i < draws; ++i) {
-        const LightChoice c = choose_light(view, from, normal, uniform2());
+        const LightChoice c = choose_light(view, from, normal, long_uniform());
         observed[c.light == kNone ? n : c.light] += 1;
         if (c.light == kNone) continue;
         CHECK(c.probability == light_probability(view, c.light, from, normal));
@@ -221,12 +223,12 @@ void tree_does_not_depend_on_threads_or_degeneracy() {
     }
     near("sum where lights coincide", sum, 1.0, 1e-5);
     if (kind != 2) continue;
-    CHECK(choose_light(tree.view(), {0, 0, 0}, {0, 0, 0}, {0.99f, 0.5f}).light == 77);
+    CHECK(choose_light(tree.view(), {0, 0, 0}, {0, 0, 0}, 0.99).light == 77);
   }
   const LightTree none = build_light_tree({});
-  CHECK(choose_light(none.view(), {0, 0, 0}, {0, 0, 0}, {0.5f, 0.5f}).light == kNone);
+  CHECK(choose_light(none.view(), {0, 0, 0}, {0, 0, 0}, 0.5).light == kNone);
   const LightTree dark = build_light_tree(std::vector<LightLeaf>(40));
-  CHECK(choose_light(dark.view(), {0, 0, 1}, {0, 0, 0}, {0.5f, 0.5f}).light == kNone);
+  CHECK(choose_light(dark.view(), {0, 0, 1}, {0, 0, 0}, 0.5).light == kNone);
 }
 
 // Sixteen points at once choose what each does by itself, to the bit: also where a surface sees no
@@ -243,25 +245,53 @@ void few_lights_are_chosen_together() {
       for (u32 i = 0; i < 16; ++i) {
         const Vec3 p = random_point() * (round % 3 == 0 ? 3.0f : 1.0f);
         const Vec3 normal = i % 4 == 0 ? Vec3{0, 0, 0} : random_direction();
-        const Vec2 u = uniform2();
         at.x[i] = p.x, at.y[i] = p.y, at.z[i] = p.z;
         at.normal_x[i] = normal.x, at.normal_y[i] = normal.y, at.normal_z[i] = normal.z;
-        at.u[0][i] = i == 1 ? 0x1.fffffep-1f : u.x, at.u[1][i] = u.y;
+        at.u[i] = i == 1 ? 1.0 - 0x1p-48 : long_uniform();
       }
       u32 light[16];
-      float probability[16];
-      choose_lights(view, at, light, probability);
+      float probability[16], u[16];
+      choose_lights(view, at, light, probability, u);
       for (u32 i = 0; i < 16; ++i) {
-        const LightChoice c = choose_light(view, {at.x[i], at.y[i], at.z[i]},
-                                           {at.normal_x[i], at.normal_y[i], at.normal_z[i]},
-                                           {at.u[0][i], at.u[1][i]});
+        const LightChoice c =
+            choose_light(view, {at.x[i], at.y[i], at.z[i]},
+                         {at.normal_x[i], at.normal_y[i], at.normal_z[i]}, at.u[i]);
         CHECK(light[i] == c.light);
-        CHECK(c.light == kNone || probability[i] == c.probability);
+        CHECK(c.light == kNone || (probability[i] == c.probability && u[i] == c.u));
         ++(c.light == kNone ? none : chosen);
       }
     }
   }
   CHECK(chosen > 10000 && none > 100);
+}
+
+// Each of 64 consecutive samples has its own 64th of the numbers that choose lights. So what is
+// left of them on either of two lights leaves no gap of more than two of these.
+void light_numbers_stay_even() {
+  for (int round = 0; round < 20; ++round) {
+    const Triangles lights(2, 0.2f);
+    std::vector<LightLeaf> leaves = lights.leaves;
+    for (LightLeaf& l : leaves) l.cos_o = -1.0f;  // seen from everywhere
+    const LightTree tree = build_light_tree(leaves);
+    const Vec3 from = random_point();
+    std::vector<float> left[2];
+    for (u32 i = 0; i < 64; ++i) {
+      const Sampler s = make_sampler(SamplerKind::sobol, 3, 5, i, static_cast<u64>(round));
+      const double number = light_number(draw2(s, kDrawLightPoint).x, draw1(s, kDrawLight));
+      const LightChoice c = choose_light(tree.view(), from, {0, 0, 0}, number);
+      left[c.light].push_back(c.u);
+    }
+    for (u32 i = 0; i < 2; ++i) {
+      const float widest = 2.0f / (64.0f * light_probability(tree.view(), i, from, {0, 0, 0}));
+      std::sort(left[i].begin(), left[i].end());
+      float before = 0.0f;
+      for (const float u : left[i]) {
+        CHECK(u - before <= widest * 1.0001f);
+        before = u;
+      }
+      CHECK(1.0f - before <= widest * 1.0001f);
+    }
+  }
 }
 
 // Irradiance from many lights, whose relative deviation at one sample must grow far slower than
@@ -288,7 +318,7 @@ void tree_beats_power() {
       };
       double sum[2] = {0, 0}, square[2] = {0, 0};
       for (int i = 0; i < draws; ++i) {
-        const LightChoice c = choose_light(tree.view(), from, normal, uniform2());
+        const LightChoice c = choose_light(tree.view(), from, normal, long_uniform());
         const double x = c.light == kNone ? 0.0 : sent(c.light) / c.probability;
         const size_t p = static_cast<size_t>(
             std::lower_bound(cumulative.begin(), cumulative.end(), total * uniform()) -
@@ -753,6 +783,7 @@ int main() {
   tree_loses_no_light();
   tree_does_not_depend_on_threads_or_degeneracy();
   few_lights_are_chosen_together();
+  light_numbers_stay_even();
   tree_beats_power();
   distributions_keep_every_weight();
   every_light_keeps_its_contract();
