@@ -8,7 +8,7 @@
 //   eval(m, wo, wi)         f |cos wi|
 //   pdf(m, wo, wi)          density of sample, per steradian
 //   sample(m, wo, u, out)   false where the path ends
-//   lobe_draws              how many of `lobe` and `lobe2` sample takes, if any
+//   lobe_draws = true       if sample takes `lobe`, too
 //   transmits = true        if light can pass: it is then asked for on both sides of the surface,
 //                           else only for wo above it, whichever side is seen
 //   evaluate(m, wo, wi)     eval and pdf, as `value` and `pdf`, if they are cheaper together
@@ -36,10 +36,17 @@ namespace parhelion::PH_ISA {
 
 // The numbers that sampling a material takes.
 struct BsdfDraws {
-  Vec2 direction;
-  Vec3 hemisphere;    // cosine_hemisphere(direction)
-  float lobe, lobe2;  // which lobe scatters, and which part of it
+  Vec2 direction;  // and, before it, which lobe scatters
+  float lobe;      // which one does, if the direction has to be known first
 };
+
+// Whether the first of two lobes scatters, with such chances of either. What is left of the number
+// goes to the direction: so those of either lobe are as even as all of them.
+PH_INLINE bool first_lobe(float chance, float other, Vec2& u) {
+  const bool first = u.x < chance;
+  u.x = min((first ? u.x : u.x - chance) / (first ? chance : other), 0x1.fffffep-1f);
+  return first;
+}
 
 struct BsdfSample {
   Vec3 wi;

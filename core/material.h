@@ -41,15 +41,9 @@ PH_INLINE auto with_material(const ParamBlock& block, F&& f) {
   compiler::unreachable();
 }
 
-// How many numbers a material takes to choose a lobe.
+// Whether a material takes a number of its own to choose a lobe.
 template <class Material>
-constexpr u32 lobe_draws() {
-  if constexpr (requires { Material::lobe_draws; }) {
-    return Material::lobe_draws;
-  } else {
-    return 0;
-  }
-}
+concept LobeDraws = requires { requires Material::lobe_draws; };
 
 PH_INLINE Vec3 block_color(const ParamBlock& block) {
   return {block.value[0], block.value[1], block.value[2]};

@@ -19,9 +19,8 @@ enum Draw : u32 {
   kDrawChannel = ~0u,  // the colour that a path goes on with, once a prism has split it
 };
 enum BounceDraw : u32 {
-  kDrawLobe,        // which lobe of a material scatters
-  kDrawLobe2,       // and which of that lobe's parts
-  kDrawDirection,   // the direction it scatters to
+  kDrawLobe,        // which lobe of a material scatters, once a normal is known
+  kDrawDirection,   // which lobe scatters, and the direction
   kDrawLight,       // lower bits of what chooses a light
   kDrawLightPoint,  // what chooses it, and places the point on it
   kDrawRoulette,

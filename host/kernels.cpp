@@ -178,10 +178,8 @@ void bsdf_sample(const ParamBlock& block, Vec3 wo, SamplerKind kind, u64 seed, u
       const u32 index = static_cast<u32>(i);
       const Sampler sampler = make_sampler(kind, 0, 0, index, seed);
       BsdfSample s = {{0, 0, 0}, {0, 0, 0}, 0.0f, 1.0f, false};
-      const Vec2 direction = draw2(sampler, bounce_draw(1) + kDrawDirection);
-      const BsdfDraws u = {direction, cosine_hemisphere(direction),
-                           draw1(sampler, bounce_draw(1) + kDrawLobe),
-                           draw1(sampler, bounce_draw(1) + kDrawLobe2)};
+      const BsdfDraws u = {draw2(sampler, bounce_draw(1) + kDrawDirection),
+                           draw1(sampler, bounce_draw(1) + kDrawLobe)};
       const bool scattered = sample(m, wo, u, s);
       if (!scattered) s.weight = {0, 0, 0};
       // As the path tracer sees it, without the change of radiance in glass.

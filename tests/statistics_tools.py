@@ -60,10 +60,12 @@ def direction_chi_square(
     axis: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 1.0),
     bins: tuple[int, int] = (8, 12),
     slack: float = 0.01,
+    points: int = 2,
 ) -> float:
     """p-value of unit vectors, (N, 3), against a density per steradian.
 
-    slack: how far from 1 the density's integral may be.
+    slack: how far from 1 the density's integral may be. points: at which a cell of the integral is
+    looked at, along each side; thin streaks need more.
 
     The first tenth of the samples, no part of the counts, sets the bins: rings around the axis that
     hold equally many of them. Narrow lobes are so resolved like wide ones, and where a density has
@@ -88,7 +90,7 @@ def direction_chi_square(
         return pdf((local @ frame).astype(np.float32))
 
     cuts = np.linspace(0, 1, bins[1] * QUADRATURE + 1)
-    mass = _masses(density, rings, cuts) * 2 * np.pi
+    mass = _masses(density, rings, cuts, points) * 2 * np.pi
     return _p_of_masses(observed, mass, len(rest), slack)
 
 
@@ -97,7 +99,10 @@ def _one_minus_cosine(w: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def _masses(
-    density: Callable[[np.ndarray, np.ndarray], np.ndarray], u: np.ndarray, v: np.ndarray
+    density: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    u: np.ndarray,
+    v: np.ndarray,
+    points: int = 2,
 ) -> np.ndarray:
     """Integrals over each bin of a rectangle; a bin is QUADRATURE cells of edges u by as many of v.
 
@@ -116,7 +121,7 @@ def _masses(
         f = density(points[0].ravel(), points[1].ravel()).astype(float)
         return f.reshape(len(cells), n * n) * np.prod(size[:, cells], axis=0)[:, None]
 
-    first = values(np.arange(low.shape[1]), 2)
+    first = values(np.arange(low.shape[1]), points)
     mass = first.mean(axis=1)
     rough = np.argsort(first.std(axis=1))[-low.shape[1] // 50 :]
     mass[rough] = values(rough, 12).mean(axis=1)

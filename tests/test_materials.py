@@ -188,7 +188,10 @@ def test_samples_follow_their_density(name: str, params: dict[str, Any]) -> None
 
             # the share is itself a count
             slack = 0.01 + 4 * np.sqrt((1 - share) / len(w))
-            p = direction_chi_square(w, pdf, axis, bins=(6, 10), slack=slack)
+            streak = abs(params.get("anisotropy", 0.0)) > 0.9
+            p = direction_chi_square(
+                w, pdf, axis, bins=(6, 10), slack=slack, points=8 if streak else 2
+            )
             assert p > sidak(2 * len(VARIANTS) * len(OUTGOING)), (wo, side)
 
 
@@ -619,15 +622,16 @@ def test_dispersion_gives_each_colour_its_own_index(name: str) -> None:
         pixels = ph.render(scene, width=32, height=32, spp=64, seed=seed).pixels
         return pixels.reshape(4, 8, 4, 8, 3).mean(axis=(1, 3))
 
-    split = np.array([blocks(seed, ior=ior, dispersion=20 / abbe) for seed in range(6)])
+    count = 12
+    split = np.array([blocks(seed, ior=ior, dispersion=20 / abbe) for seed in range(count)])
     for channel, step in enumerate((-0.5, 0.0, 0.5)):
-        own = [blocks(seed, ior=ior + step * (ior - 1) / abbe) for seed in range(6)]
+        own = [blocks(seed, ior=ior + step * (ior - 1) / abbe) for seed in range(count)]
         there, here = np.array(own)[..., channel], split[..., channel]
-        error = np.sqrt((there.var(axis=0, ddof=1) + here.var(axis=0, ddof=1)) / 6)
+        error = np.sqrt((there.var(axis=0, ddof=1) + here.var(axis=0, ddof=1)) / count)
         z = (here.mean(axis=0) - there.mean(axis=0)) / error
-        assert np.abs(z).max() < 6, (channel, z)  # 10 degrees of freedom, 48 blocks
+        assert np.abs(z).max() < 5, (channel, z)  # 22 degrees of freedom, 48 blocks
         if step:  # the plain glass is told apart
-            plain = np.array([blocks(seed, ior=ior) for seed in range(6)])[..., channel]
+            plain = np.array([blocks(seed, ior=ior) for seed in range(count)])[..., channel]
             assert np.abs((plain.mean(axis=0) - here.mean(axis=0)) / error).max() > 9
 
 

@@ -17,7 +17,7 @@ struct Dielectric {
 
   using Plain = PlainForms<struct PlainDielectric>;
   static constexpr bool transmits = true;
-  static constexpr u32 lobe_draws = 1;
+  static constexpr bool lobe_draws = true;
   static constexpr const char* doc = "glass, smooth or frosted: reflects and refracts";
   static constexpr ParamInfo params[] = {
       {"color", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "tint of the light at each crossing"},

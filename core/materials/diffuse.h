@@ -73,7 +73,7 @@ PH_INLINE Vec3 eval(const Diffuse& m, Vec3 wo, Vec3 wi) {
 }
 
 PH_INLINE bool sample(const Diffuse& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
-  out.wi = u.hemisphere;
+  out.wi = cosine_hemisphere(u.direction);
   out.pdf = cosine_hemisphere_pdf(out.wi);
   out.wi.z = copysign(out.wi.z, wo.z);
   out.weight = rough_reflectance(m, wo, out.wi);

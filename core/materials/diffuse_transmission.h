@@ -11,7 +11,6 @@ struct DiffuseTransmission {
 
   static constexpr bool transmits = true;
   static constexpr bool thin = true;  // has no inside
-  static constexpr u32 lobe_draws = 1;
   static constexpr const char* doc = "thin matte sheet: light scatters back and comes through";
   static constexpr ParamInfo params[] = {
       {"color", 3, {0.4f, 0.4f, 0.4f}, 0.0f, 1.0f, "share of the light that is reflected"},
@@ -53,9 +52,10 @@ PH_INLINE Vec3 eval(const DiffuseTransmission& m, Vec3 wo, Vec3 wi) {
 
 PH_INLINE bool sample(const DiffuseTransmission& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   const float back = reflected_chance(m);
-  const bool reflects = u.lobe < back;
+  Vec2 number = u.direction;
+  const bool reflects = first_lobe(back, 1.0f - back, number);
   const float chance = reflects ? back : 1.0f - back;
-  out.wi = u.hemisphere;
+  out.wi = cosine_hemisphere(number);
   out.pdf = chance * cosine_hemisphere_pdf(out.wi);
   out.wi.z = copysign(out.wi.z, reflects ? wo.z : -wo.z);
   out.weight = (reflects ? m.color : through(m)) * (1.0f / chance);

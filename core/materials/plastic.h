@@ -18,7 +18,6 @@ struct Plastic {
   float ior, roughness, distribution, nonlinear, compensation;
 
   using Plain = PlainForms<struct SmoothPlastic>;
-  static constexpr u32 lobe_draws = 1;
   static constexpr const char* doc = "matte base under a clear coat, smooth or rough";
   static constexpr ParamInfo params[] = {
       {"color", 3, {0.5f, 0.5f, 0.5f}, 0.0f, 1.0f, "share that the base reflects"},
@@ -101,8 +100,9 @@ PH_INLINE PlasticValue evaluate(const SmoothPlastic& m, Vec3 wo, Vec3 wi) {
 
 PH_INLINE bool sample(const SmoothPlastic& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   const float share = reflected(m, wo), chance = coat_chance(m.color, m.specular, 1.0f - share);
-  const bool delta = u.lobe < chance;
-  const Vec3 above = {wo.x, wo.y, abs(wo.z)}, matte = u.hemisphere;
+  Vec2 number = u.direction;
+  const bool delta = first_lobe(chance, 1.0f - chance, number);
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)}, matte = cosine_hemisphere(number);
   const PlasticValue v = evaluate(m, above, matte);
   out.wi = select(delta, Vec3{-wo.x, -wo.y, wo.z}, Vec3{matte.x, matte.y, copysign(matte.z, wo.z)});
   out.weight = select(delta, m.specular * (share / chance), v.value * (1.0f / v.pdf));
@@ -151,10 +151,10 @@ inline bool sample(const Plastic& m, const SeenPlastic& seen, Vec3 wo, const Bsd
                    BsdfSample& out) {
   if (seen.coat.smooth) return sample(smooth_plastic(m, seen), wo, u, out);
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  out.wi = u.hemisphere;
-  if (u.lobe < seen.chance) {
-    out.wi = mirrored(above, sample_visible_normal(seen.coat.facets, above, u.direction));
-  }
+  Vec2 number = u.direction;
+  out.wi = first_lobe(seen.chance, 1.0f - seen.chance, number)
+               ? mirrored(above, sample_visible_normal(seen.coat.facets, above, number))
+               : cosine_hemisphere(number);
   if (!(out.wi.z > 0.0f)) return false;
   const PlasticValue v = evaluate(m, seen, above, out.wi);
   if (!(v.pdf > 0.0f)) return false;

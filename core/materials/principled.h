@@ -29,7 +29,7 @@ struct Principled {
 
   using Plain = PlainForms<struct PlainPrincipled>;
   static constexpr bool transmits = true;
-  static constexpr u32 lobe_draws = 2;
+  static constexpr bool lobe_draws = true;
   static constexpr const char* doc =
       "glTF's metallic-roughness with its extensions: metal, plastic, cloth, car paint, glass";
   static constexpr ParamInfo params[] = {
@@ -222,10 +222,13 @@ PH_INLINE Base base(const PlainPrincipled& m, const PlainPrincipled::From& seen)
   return make_base(m.color, m.specular_color, m.metallic, 1.0f - m.metallic, seen.gloss_share, 1.0f,
                    {0, 0, 0}, {0, 0, 0});
 }
-// Of sampling mirrors
-PH_INLINE float chance(const Base& b) {
+// Of sampling either part
+struct BaseChances {
+  float mirror, matte;
+};
+PH_INLINE BaseChances chances(const Base& b) {
   const float sum = b.mirror_share + b.matte_share;
-  return sum > 0.0f ? b.mirror_share / sum : 1.0f;
+  return {sum > 0.0f ? b.mirror_share / sum : 1.0f, sum > 0.0f ? b.matte_share / sum : 0.0f};
 }
 
 inline PlainPrincipled::To to(const PlainPrincipled& m, Vec3 wi) {
@@ -241,19 +244,21 @@ PH_INLINE BsdfValue evaluate(const PlainPrincipled& m, const PlainPrincipled::Fr
   wo.z = abs(wo.z);
   wi.z = abs(wi.z);
   const Base b = base(m, seen);
-  const float mirror = chance(b), sum = b.mirror_share + b.matte_share;
-  const float matte = sum > 0.0f ? b.matte_share / sum : 0.0f;
+  const BaseChances chance = chances(b);
   PrincipledValue v = {{0, 0, 0}, 0.0f};
-  add_base(b, facets(m), m.ior, m.color, {m.color, 0.0f}, seen.gain * to.gain, mirror, matte, wo,
-           wi, v);
+  add_base(b, facets(m), m.ior, m.color, {m.color, 0.0f}, seen.gain * to.gain, chance.mirror,
+           chance.matte, wo, wi, v);
   return {v.value * above, v.pdf * above};
 }
 
 PH_INLINE bool choose(const PlainPrincipled& m, const PlainPrincipled::From& seen, Vec3 wo,
                       const BsdfDraws& u, Vec3& wi) {
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  const Vec3 mirror = mirrored(above, sample_visible_normal(facets(m), above, u.direction));
-  wi = select(u.lobe < chance(base(m, seen)), mirror, u.hemisphere);
+  Vec2 number = u.direction;
+  const BaseChances chance = chances(base(m, seen));
+  const bool mirrors = first_lobe(chance.mirror, chance.matte, number);
+  const Vec3 mirror = mirrored(above, sample_visible_normal(facets(m), above, number));
+  wi = select(mirrors, mirror, cosine_hemisphere(number));
   const bool found = wi.z > 0.0f;
   wi.z = copysign(wi.z, wo.z);
   return found;
@@ -386,30 +391,27 @@ inline float pdf(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo,
 
 inline bool sample(const Principled& m, const Layers& l, Vec3 wo, const BsdfDraws& u,
                    BsdfSample& out) {
-  float left = u.lobe;
+  Vec2 number = u.direction;
   u32 lobe = 0;
-  while (lobe + 1 < kLobes && left >= l.chance[lobe]) left -= l.chance[lobe++];
+  while (lobe + 1 < kLobes && number.x >= l.chance[lobe]) number.x -= l.chance[lobe++];
+  number.x = min(number.x / l.chance[lobe], 0x1.fffffep-1f);
   Vec3 wi;
   switch (lobe) {
-    case kMirrorLobe:
-      wi = mirrored(l.wo, sample_visible_normal(l.facets, l.wo, u.direction));
-      break;
-    case kCoatLobe:
-      wi = mirrored(l.wo, sample_visible_normal(l.coat.facets, l.wo, u.direction));
-      break;
+    case kMirrorLobe: wi = mirrored(l.wo, sample_visible_normal(l.facets, l.wo, number)); break;
+    case kCoatLobe: wi = mirrored(l.wo, sample_visible_normal(l.coat.facets, l.wo, number)); break;
     case kGlassLobe: {
-      const Vec3 n = sample_visible_normal(l.facets, l.wo, u.direction);
+      const Vec3 n = sample_visible_normal(l.facets, l.wo, number);
       const float facing = clamp(dot(l.wo, n), 0.0f, 1.0f);
       const float eta = l.seen_inner.eta;
       const Fresnel f = fresnel_dielectric(facing, eta);
-      const bool reflects = u.lobe2 < f.reflected;
+      const bool reflects = u.lobe < f.reflected;
       wi = reflects ? mirrored(l.wo, n)
                     : normalize(n * (facing / eta - f.cos_t) - l.wo * (1.0f / eta));
       if ((wi.z > 0.0f) != reflects) return false;
       if (!reflects) out.eta = eta;
       break;
     }
-    default: wi = u.hemisphere;
+    default: wi = cosine_hemisphere(number);
   }
   if (lobe != kGlassLobe && !(wi.z > 0.0f)) return false;
   const PrincipledValue v = value_within(m, l, wi);

@@ -19,7 +19,7 @@ struct ThinDielectric {
 
   static constexpr bool transmits = true;
   static constexpr bool thin = true;  // has no inside
-  static constexpr u32 lobe_draws = 1;
+  static constexpr bool lobe_draws = true;
   static constexpr const char* doc = "thin pane of glass: mirrors, or lets pass straight on";
   static constexpr ParamInfo params[] = {
       {"color", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "tint of all light"},
