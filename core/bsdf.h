@@ -40,8 +40,8 @@ struct BsdfDraws {
   float lobe;      // which one does, if the direction has to be known first
 };
 
-// Whether the first of two lobes scatters, with such chances of either. What is left of the number
-// goes to the direction: so those of either lobe are as even as all of them.
+// Whether the first of two lobes scatters, with such chances of either, whose sum is 1. What is
+// left of the number goes to the direction: so those of either lobe are as even as all of them.
 PH_INLINE bool first_lobe(float chance, float other, Vec2& u) {
   const bool first = u.x < chance;
   u.x = min((first ? u.x : u.x - chance) / (first ? chance : other), 0x1.fffffep-1f);

@@ -117,8 +117,8 @@ def _masses(
         """(len(cells), n * n) densities within the cells, times their areas."""
         strata = np.stack([a.ravel() for a in np.indices((n, n))])[:, None, :]
         places = (strata + rng.random((2, len(cells), n * n))) / n
-        points = low[:, cells, None] + size[:, cells, None] * places
-        f = density(points[0].ravel(), points[1].ravel()).astype(float)
+        at = low[:, cells, None] + size[:, cells, None] * places
+        f = density(at[0].ravel(), at[1].ravel()).astype(float)
         return f.reshape(len(cells), n * n) * np.prod(size[:, cells], axis=0)[:, None]
 
     first = values(np.arange(low.shape[1]), points)

@@ -394,6 +394,7 @@ inline bool sample(const Principled& m, const Layers& l, Vec3 wo, const BsdfDraw
   Vec2 number = u.direction;
   u32 lobe = 0;
   while (lobe + 1 < kLobes && number.x >= l.chance[lobe]) number.x -= l.chance[lobe++];
+  // Where rounding leaves the last lobe something that has no chance, min passes over the NaN.
   number.x = min(number.x / l.chance[lobe], 0x1.fffffep-1f);
   Vec3 wi;
   switch (lobe) {

@@ -345,6 +345,15 @@ void lobes_share_even_numbers() {
     CHECK(widest < 0.5f);
     CHECK(std::abs(static_cast<float>(count[0]) - n * chance) <= 1.0f);
   }
+  // Nor does rounding make 1 of the largest.
+  for (u32 i = 0; i <= 2000; ++i) {
+    const float chance = static_cast<float>(i) / 2000.0f;
+    for (const float x : {0.0f, 1.0f - 0x1p-24f}) {
+      Vec2 u = {x, 0.0f};
+      baseline::first_lobe(chance, 1.0f - chance, u);
+      CHECK(u.x >= 0.0f && u.x < 1.0f);
+    }
+  }
 }
 
 template <class Form>
