@@ -31,7 +31,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest test comes first, so that no processor waits for it in the end."""
+    """What takes minutes with --long comes first, so that no processor waits for it in the end."""
     items.sort(key=lambda item: item.path.name != "test_nvrtc.py")
 
 
