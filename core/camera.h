@@ -59,12 +59,12 @@ PH_INLINE double entry(DVec3 origin, DVec3 direction, const Box& box) {
 // fixed length, which compilers turn into vectors.
 inline constexpr u32 kBatch = 16;
 
-// Of each sample in a batch: its pixel's column, its random numbers, where in the pixel, and on the
+// Of each sample in a batch: its pixel, its random numbers, where in the pixel, and on the
 // lens; then its ray, as `full` and, from where it enters the scene's bounds, `start` away from the
 // camera, as the scene sees it.
 template <u32 kCount>
 struct CameraBatch {
-  u32 x[kCount], sample[kCount];
+  u32 x[kCount], y[kCount], sample[kCount];
   SamplerBatch<kCount> samplers;
   float offset_x[kCount], offset_y[kCount], lens_x[kCount], lens_y[kCount];
   double full_origin[3][kCount], full_direction[3][kCount];
@@ -73,12 +73,12 @@ struct CameraBatch {
 };
 
 template <class Type, u32 kCount>
-PH_INLINE void cast_batch(const Type& camera, u32 y, CameraBatch<kCount>& b) {
+PH_INLINE void cast_batch(const Type& camera, CameraBatch<kCount>& b) {
   for (u32 i = 0; i < kCount; ++i) {
     DRay full = {};
-    const bool sees =
-        cast(camera, static_cast<double>(b.x[i]) + b.offset_x[i],
-             static_cast<double>(y) + b.offset_y[i], Vec3{b.lens_x[i], b.lens_y[i], 0.0f}, full);
+    const bool sees = cast(camera, static_cast<double>(b.x[i]) + b.offset_x[i],
+                           static_cast<double>(b.y[i]) + b.offset_y[i],
+                           Vec3{b.lens_x[i], b.lens_y[i], 0.0f}, full);
     b.full_origin[0][i] = full.origin.x;
     b.full_origin[1][i] = full.origin.y;
     b.full_origin[2][i] = full.origin.z;
@@ -89,12 +89,12 @@ PH_INLINE void cast_batch(const Type& camera, u32 y, CameraBatch<kCount>& b) {
   }
 }
 
-// The rays through offsets, in pixels, from the centres of pixels in row y, which counts downwards.
+// The rays through offsets, in pixels, from the centres of pixels; y counts downwards.
 template <u32 kCount>
-PH_INLINE void camera_rays(const Camera& camera, const Box& bounds, u32 y, CameraBatch<kCount>& b) {
+PH_INLINE void camera_rays(const Camera& camera, const Box& bounds, CameraBatch<kCount>& b) {
   switch (camera.kind) {
 #define CAMERA(name, Type) \
-  case CameraKind::name: cast_batch(camera.name, y, b); break;
+  case CameraKind::name: cast_batch(camera.name, b); break;
 #include "cameras.def"
 #undef CAMERA
   }

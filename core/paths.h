@@ -40,6 +40,7 @@ struct Paths {
   u32 depth[kBatch];        // rays so far, the camera's own included
   u32 channel[kBatch];      // of red, green and blue the only one left, 0 to 2; kNone: any
   u32 holes[kBatch];        // passed by all rays so far
+  u32 tag[kBatch];          // which sample, to those who asked for it
   SamplerBatch<kBatch> samplers;
   Media media[kBatch];
 
@@ -59,7 +60,7 @@ struct Paths {
     take_rows(&Paths::origin, &Paths::direction, &Paths::self, &Paths::inward, &Paths::slot,
               &Paths::t, &Paths::sum, &Paths::throughput, &Paths::receiver, &Paths::scatter_pdf,
               &Paths::eta_scale, &Paths::width, &Paths::spread, &Paths::travelled, &Paths::depth,
-              &Paths::channel, &Paths::holes);
+              &Paths::channel, &Paths::holes, &Paths::tag);
     samplers.kind = from.samplers.kind;
     copy_lane(samplers.key, k, from.samplers.key, lane);
     copy_lane(samplers.reversed_index, k, from.samplers.reversed_index, lane);

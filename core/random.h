@@ -126,14 +126,14 @@ struct SamplerBatch {
   PH_INLINE Sampler at(u32 i) const { return {kind, reversed_index[i], key[i]}; }
 };
 
-// Those of samples in one row of the picture.
 template <u32 kCount>
-PH_INLINE SamplerBatch<kCount> make_samplers(SamplerKind kind, const u32 (&x)[kCount], u32 y,
-                                             const u32 (&sample)[kCount], u64 seed) {
+PH_INLINE SamplerBatch<kCount> make_samplers(SamplerKind kind, const u32 (&x)[kCount],
+                                             const u32 (&y)[kCount], const u32 (&sample)[kCount],
+                                             u64 seed) {
   SamplerBatch<kCount> s;
   s.kind = kind;
   for (u32 i = 0; i < kCount; ++i) {
-    const Sampler one = make_sampler(kind, x[i], y, sample[i], seed);
+    const Sampler one = make_sampler(kind, x[i], y[i], sample[i], seed);
     s.key[i] = one.key, s.reversed_index[i] = one.reversed_index, s.dimension[i] = 0;
   }
   return s;

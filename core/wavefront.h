@@ -68,9 +68,9 @@ template <class Watch = Unwatched>
 inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample,
                      PathStats& stats, const Watch& watch = {}) {
   CameraBatch<1> batch = {};
-  batch.x[0] = x;
+  batch.x[0] = x, batch.y[0] = y;
   batch.sample[0] = sample;
-  begin_paths(scene, view, y, batch);
+  begin_paths(scene, view, batch);
   Wave wave;
   Vertices vertices = {};
   begin(scene, view, batch, 1, wave, stats);

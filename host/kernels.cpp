@@ -1,7 +1,7 @@
 // Compiled once per instruction set, with PH_ISA naming its namespace. No standard header may be
 // included here: an inline function of the standard library, compiled for AVX-512, could be the
 // copy that the linker keeps for everybody.
-#include "kernel_table.h"
+#include "samples.h"
 
 #define PH_TEXT_(x) #x
 #define PH_TEXT(x) PH_TEXT_(x)
@@ -9,113 +9,69 @@
 namespace parhelion::PH_ISA {
 namespace {
 
-void record(FeaturePixel& pixel, const Features& f, u32 sample) {
-  if (sample == 0) {
-    pixel.shape = f.shape;
-    pixel.material = f.material;
-  }
-  ++pixel.count;
-  const float light[kLightFloats] = {f.albedo.x,   f.albedo.y,   f.albedo.z,
-                                     f.emission.x, f.emission.y, f.emission.z,
-                                     f.direct.x,   f.direct.y,   f.direct.z};
-  for (u32 i = 0; i < kLightFloats; ++i) {
-    if (finite(light[i])) add(pixel.light[i], light[i]);
-  }
-  if (f.shape == kNone) return;
-  ++pixel.hits;
-  add(pixel.shapes, f.shape);
-  add(pixel.materials, f.material);
-  const Vec3 n = f.normal, m = f.shading_normal, p = f.position;
-  const float place[kPlaceFloats] = {f.depth, p.x, p.y, p.z, n.x,    n.y,
-                                     n.z,     m.x, m.y, m.z, f.uv.x, f.uv.y};
-  for (u32 i = 0; i < kPlaceFloats; ++i) {
-    if (finite(place[i])) add(pixel.place[i], place[i]);
-  }
-}
-
-// Samples that have ended, on their way into the film.
-struct Finished {
-  u32 at[kBatch], count = 0;
-  float rgb[3][kBatch] = {};
-
-  // Those of a wave that have ended, each with its pixel's place in the row.
-  void take(const Wave& wave, u32 ended, const u32 (&place)[kBatch], FilmPixel* row) {
-    for_each_bit(ended, [&](u32 k) {
-      const Vec3 light = wave.paths.sum.at(k);
-      at[count] = place[k];
-      rgb[0][count] = light.x, rgb[1][count] = light.y, rgb[2][count] = light.z;
-      if (++count == kBatch) add_to(row);
-    });
-  }
-  void add_to(FilmPixel* row) {
-    add(row, at, rgb, count);
-    count = 0;
-  }
-};
-
-void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u32 x1, u32 first,
-                u32 last, FilmPixel* row, FeaturePixel* features, PathStats& stats) {
+// Renders samples: `Samples` says which, and takes what they have seen.
+template <class Samples>
+void render(const SceneView& scene, const RenderView& view, Samples& samples, PathStats& stats) {
   // New camera rays are traced by themselves, since those of one pixel lie close together, before
   // their paths take the places of those that have ended.
   Wave wave, fresh;
   Vertices vertices = {};
-  u32 at[kBatch], fresh_at[kBatch] = {}, number[kBatch], n = 0;
+  CameraBatch<kBatch> batch;
+  u32 n = 0;              // samples in the batch that began last
   Features seen[kBatch];  // of both: with features the one is empty when it takes all of the other
-  if (features) wave.features = fresh.features = seen;
-  Finished finished;
-  u32 x = first < last ? x0 : x1, sample = first;
+  if (samples.sees()) wave.features = fresh.features = seen;
+  const auto end = [&](const Wave& in, u32 ended) {
+    for_each_bit(ended, [&](u32 k) { samples.end(in.paths.tag[k], in.paths.sum.at(k)); });
+  };
   const auto begin_batch = [&] {
-    CameraBatch<kBatch> batch;
-    for (n = 0; n < kBatch && x < x1; ++n) {  // samples go pixel after pixel
-      batch.x[n] = x, batch.sample[n] = sample;
-      fresh_at[n] = x - x0, number[n] = sample;
-      if (++sample == last) ++x, sample = first;
-    }
+    n = samples.next(batch, fresh.paths.tag);
+    if (n == 0) return false;
     for (u32 i = n; i < kBatch; ++i) {  // the rest of the last batch repeats its last sample
-      batch.x[i] = batch.x[n - 1], batch.sample[i] = batch.sample[n - 1];
+      batch.x[i] = batch.x[n - 1], batch.y[i] = batch.y[n - 1];
+      batch.sample[i] = batch.sample[n - 1];
     }
-    begin_paths(scene, view, y, batch);
+    begin_paths(scene, view, batch);
     begin(scene, view, batch, n, fresh, stats);
     trace(scene, view, fresh, true, stats);
-    finished.take(fresh, ((1u << n) - 1) & ~fresh.alive, fresh_at, row);
+    end(fresh, ((1u << n) - 1) & ~fresh.alive);
+    return true;
   };
   // Features are counted in the order of their samples: a batch of them ends before the next.
   const auto end_batch = [&] {
-    for (u32 i = 0; features && i < n; ++i) record(features[fresh_at[i]], seen[i], number[i]);
+    for (u32 i = 0; samples.sees() && i < n; ++i) samples.see(batch, i, seen[i]);
     n = 0;
   };
   for (;;) {
     u32 before = wave.alive;
     trace(scene, view, wave, false, stats);
-    finished.take(wave, before & ~wave.alive, at, row);
+    end(wave, before & ~wave.alive);
     while (wave.alive != kAllLanes) {
       if (fresh.alive == 0) {
-        if (features && wave.alive != 0) break;
+        if (samples.sees() && wave.alive != 0) break;
         end_batch();
-        if (x == x1) break;
-        begin_batch();
+        if (!begin_batch()) break;
       } else if (wave.alive == 0) {
         wave.paths = fresh.paths;
         wave.alive = fresh.alive;
-        for (u32 k = 0; k < kBatch; ++k) at[k] = fresh_at[k];
         fresh.alive = 0;
       } else {
         const u32 k = lowest_bit(~wave.alive), lane = lowest_bit(fresh.alive);
         take(fresh, lane, wave, k);
-        at[k] = fresh_at[lane];
         fresh.alive &= fresh.alive - 1;
       }
     }
     if (wave.alive == 0) break;
     before = wave.alive;
     shade(scene, view, wave, vertices, stats);
-    finished.take(wave, before & ~wave.alive, at, row);
+    end(wave, before & ~wave.alive);
   }
-  finished.add_to(row);
-  for (u32 i = 0; i < x1 - x0; ++i) {
-    carry(row[i]);
-    if (features) carry(features[i]);
-  }
+  samples.finish();
+}
+
+void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u32 x1, u32 first,
+                u32 last, FilmPixel* row, FeaturePixel* features, PathStats& stats) {
+  RowSamples samples(y, x0, x1, first, last, row, features);
+  render(scene, view, samples, stats);
 }
 
 Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample) {

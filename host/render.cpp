@@ -182,12 +182,9 @@ struct Run {
 
 Run run_at(const Film& film, const Targets& targets, u32 x, u32 end, u32 y) {
   const FilmPixel* row = &film.pixels[static_cast<size_t>(y) * film.width];
-  const u32 side = targets.by_pixel ? 1 : kBlock;
-  const u32 line = targets.by_pixel ? y : film.cell_row(y);
-  const u32 across = targets.by_pixel ? film.width : film.cells_across();
-  const u32* target = &targets.samples[static_cast<size_t>(line) * across];
-  Run run = {x, x + 1, row[x].count, target[x / side]};
-  while (run.x1 < end && row[run.x1].count == run.count && target[run.x1 / side] == run.target) {
+  Run run = {x, x + 1, row[x].count, targets.of(film, x, y)};
+  while (run.x1 < end && row[run.x1].count == run.count &&
+         targets.of(film, run.x1, y) == run.target) {
     ++run.x1;
   }
   return run;
@@ -200,6 +197,44 @@ void keep_prefixes(Film& film, const Run& run, u32 y) {
     const size_t at = static_cast<size_t>(y) * film.width + x;
     keep_prefix(film.prefixes[at], film.pixels[at]);
   }
+}
+
+// What the threads of a pass work with.
+struct Job {
+  const Kernels& kernels;
+  const SceneView& scene;
+  const RenderView& view;
+  Film& film;
+  const Targets& targets;
+  Pass& pass;
+};
+
+// Renders a tile of the film, row by row. Returns how many samples.
+u64 render_tile(const Job& job, u32 x0, u32 y0, u32 edge, bool ticks, PathStats& stats) {
+  Film& film = job.film;
+  const u32 x1 = std::min(x0 + edge, film.width), y1 = std::min(y0 + edge, film.height);
+  u64 done = 0;
+  for (u32 y = y0; y < y1; ++y) {
+    for (u32 x = x0; x < x1;) {
+      const Run run = run_at(film, job.targets, x, x1, y);
+      x = run.x1;
+      const u32 width = run.x1 - run.x0, stride = std::max(1u, kSamplesPerStep / width);
+      const size_t place = static_cast<size_t>(y) * film.width + run.x0;
+      FeaturePixel* features = film.features.empty() ? nullptr : &film.features[place];
+      for (u32 from = run.count; from < run.target;) {
+        if (job.pass.stop.load(std::memory_order_relaxed)) break;
+        u32 to = from + std::min(stride, run.target - from);
+        if (!film.prefixes.empty()) to = std::min(to, std::bit_ceil(from + 1));
+        job.kernels.render_row(job.scene, job.view, film.y + y, film.x + run.x0, film.x + run.x1,
+                               from, to, &film.pixels[place], features, stats);
+        keep_prefixes(film, run, y);
+        done += u64{width} * (to - from);
+        from = to;
+        if (ticks) job.pass.maybe_tick(done, stats.rays);
+      }
+    }
+  }
+  return done;
 }
 
 }  // namespace
@@ -217,6 +252,7 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderV
     case Schedule::guided: omp_set_schedule(omp_sched_guided, 1); break;
   }
   Pass pass(tick);
+  const Job job = {kernels, scene_view, view, film, targets, pass};
 #pragma omp parallel num_threads(options.threads)
   {
     const bool first_thread = omp_get_thread_num() == 0;
@@ -224,31 +260,10 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderV
     pass.at_work = omp_get_num_threads();  // may be fewer than were asked for
 #pragma omp for schedule(runtime) nowait
     for (i64 tile = 0; tile < tiles; ++tile) {
-      const u32 x0 = static_cast<u32>(tile % across) * edge;
-      const u32 y0 = static_cast<u32>(tile / across) * edge;
-      const u32 x1 = std::min(x0 + edge, film.width), y1 = std::min(y0 + edge, film.height);
+      const u32 x = static_cast<u32>(tile % across) * edge;
+      const u32 y = static_cast<u32>(tile / across) * edge;
       PathStats stats = {0};
-      u64 done = 0;
-      for (u32 y = y0; y < y1; ++y) {
-        for (u32 x = x0; x < x1;) {
-          const Run run = run_at(film, targets, x, x1, y);
-          x = run.x1;
-          const u32 width = run.x1 - run.x0, stride = std::max(1u, kSamplesPerStep / width);
-          const size_t place = static_cast<size_t>(y) * film.width + run.x0;
-          FeaturePixel* features = film.features.empty() ? nullptr : &film.features[place];
-          for (u32 from = run.count; from < run.target;) {
-            if (pass.stop.load(std::memory_order_relaxed)) break;
-            u32 to = from + std::min(stride, run.target - from);
-            if (!film.prefixes.empty()) to = std::min(to, std::bit_ceil(from + 1));
-            kernels.render_row(scene_view, view, film.y + y, film.x + run.x0, film.x + run.x1, from,
-                               to, &film.pixels[place], features, stats);
-            keep_prefixes(film, run, y);
-            done += u64{width} * (to - from);
-            from = to;
-            if (first_thread) pass.maybe_tick(done, stats.rays);
-          }
-        }
-      }
+      const u64 done = render_tile(job, x, y, edge, first_thread, stats);
       pass.samples.fetch_add(done, std::memory_order_relaxed);
       pass.rays.fetch_add(stats.rays, std::memory_order_relaxed);
     }

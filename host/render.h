@@ -79,6 +79,11 @@ struct PassResult {
 struct Targets {
   std::vector<u32> samples;
   bool by_pixel = false;
+
+  u32 of(const Film& film, u32 x, u32 y) const {
+    return by_pixel ? samples[size_t{y} * film.width + x]
+                    : samples[size_t{film.cell_row(y)} * film.cells_across() + x / kBlock];
+  }
 };
 
 // Called now and then by the calling thread with what the pass has done so far; true stops it.

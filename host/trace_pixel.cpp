@@ -171,8 +171,8 @@ TracedPath trace_pixel(const Scene& scene, const RenderView& view, u32 x, u32 y,
     recorder.look(step, wave.paths, vertices, fate, lit);
   };
   CameraBatch<1> batch = {};
-  batch.x[0] = x, batch.sample[0] = sample;
-  begin_paths(scene.view(), view, y, batch);
+  batch.x[0] = x, batch.y[0] = y, batch.sample[0] = sample;
+  begin_paths(scene.view(), view, batch);
   if (batch.sight[0] == Sight::nothing) path.end = PathEnd::unseen;
   path.radiance = radiance(scene.view(), view, x, y, sample, stats, watch);
   return path;

@@ -6,11 +6,10 @@
 
 namespace parhelion::PH_ISA {
 
-// How the samples of a batch begin, whose pixels in row y and numbers are given.
+// How the samples of a batch begin, whose pixels and numbers are given.
 template <u32 kCount>
-PH_INLINE void begin_paths(const SceneView& scene, const RenderView& view, u32 y,
-                           CameraBatch<kCount>& b) {
-  b.samplers = make_samplers(view.sampler, b.x, y, b.sample, view.seed);
+PH_INLINE void begin_paths(const SceneView& scene, const RenderView& view, CameraBatch<kCount>& b) {
+  b.samplers = make_samplers(view.sampler, b.x, b.y, b.sample, view.seed);
   float place_x[kCount], place_y[kCount], lens_x[kCount] = {}, lens_y[kCount] = {};
   draw2(b.samplers, kDrawPixel, place_x, place_y);
   if (view.camera.lens) draw2(b.samplers, kDrawLens, lens_x, lens_y);
@@ -20,7 +19,7 @@ PH_INLINE void begin_paths(const SceneView& scene, const RenderView& view, u32 y
     const Vec3 lens = uniform_disk({lens_x[i], lens_y[i]});
     b.lens_x[i] = lens.x, b.lens_y[i] = lens.y;
   }
-  camera_rays(view.camera, scene.bounds, y, b);
+  camera_rays(view.camera, scene.bounds, b);
 }
 
 // Begins the paths of the first n samples of a batch, and adds what those see that pass the scene
