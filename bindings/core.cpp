@@ -478,7 +478,8 @@ RenderView make_view(const Scene& scene, const nb::dict& camera, u32 width, u32 
                      const std::string& filter, double filter_radius, const std::string& sampler,
                      u64 seed, u32 max_depth, bool roulette, bool tree,
                      const std::string& integrator, double ao_distance,
-                     const std::optional<DTriple>& backdrop, double clamp_indirect) {
+                     const std::optional<DTriple>& backdrop, double clamp_indirect,
+                     bool reuse_paths) {
   if (width == 0 || height == 0) throw SceneError("width and height must be at least 1");
   CameraInput c{};
   c.projection = get<std::string>(camera, "projection");
@@ -513,6 +514,8 @@ RenderView make_view(const Scene& scene, const nb::dict& camera, u32 width, u32 
                      static_cast<float>((*backdrop)[2])};
   }
   if (clamp_indirect > 0.0) view.clamp_indirect = static_cast<float>(clamp_indirect);
+  view.width = width, view.height = height;
+  view.reuse_paths = reuse_paths;
   view.media = media_around(scene, c, tree);
   if (integrator == "direct") {
     view.max_depth = std::min(max_depth, 2u);
@@ -857,7 +860,8 @@ NB_MODULE(_core, m) {
   nb::class_<RenderView>(m, "View", "A camera and settings, checked.");
   m.def("make_view", &make_view, "scene"_a, nb::kw_only(), "camera"_a, "width"_a, "height"_a,
         "filter"_a, "filter_radius"_a, "sampler"_a, "seed"_a, "max_depth"_a, "roulette"_a, "tree"_a,
-        "integrator"_a, "ao_distance"_a, "backdrop"_a.none(), "clamp_indirect"_a = 0.0);
+        "integrator"_a, "ao_distance"_a, "backdrop"_a.none(), "clamp_indirect"_a = 0.0,
+        "reuse_paths"_a = false);
 
   nb::class_<Film>(m, "Film", "The sums of a rectangle of the picture.")
       .def(nb::init<u32, u32, u32, u32, bool, bool>(), "x"_a, "y"_a, "width"_a, "height"_a,
@@ -882,6 +886,7 @@ NB_MODULE(_core, m) {
 
   m.attr("sources") = PARHELION_SOURCES;  // a hash of what decides over the picture
   m.attr("block") = kBlock;
+  m.attr("region") = kRegion;
   m.def("tables", &tables);
   m.def("instruction_sets", &instruction_sets);
   m.def("instruction_set", [] { return std::string(kernels().name); });

@@ -181,6 +181,8 @@ struct RenderView {
   // The most that light of one sample may bring to it after more than one scattering: kInfinity is
   // the truth, less is darker than that.
   float clamp_indirect = kInfinity;
+  u32 width = 0, height = 0;  // of the whole picture, in pixels
+  bool reuse_paths = false;   // pixels close by use each other's light (wavefront/reuse.h)
 };
 
 }  // namespace parhelion

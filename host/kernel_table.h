@@ -19,6 +19,18 @@ struct LightProbe {
   u32 delta;
 };
 
+// A square of the picture whose pixels share paths (core/wavefront/reuse.h), and which samples of
+// each of them are wanted, row by row: none outside of the film.
+inline constexpr u32 kRegion = 16, kRegionPixels = kRegion * kRegion;
+struct Region {
+  u32 x, y;  // of its top left pixel
+  u32 from[kRegionPixels], to[kRegionPixels];
+  // The film: its top left pixel in the picture, and its width.
+  FilmPixel* pixels;
+  FeaturePixel* features;  // null: not wanted
+  u32 x0, y0, stride;
+};
+
 // Everything that is compiled once per instruction set.
 struct Kernels {
   const char* name;
@@ -27,6 +39,8 @@ struct Kernels {
   // unless it is null, to `features`.
   void (*render_row)(const SceneView&, const RenderView&, u32 y, u32 x0, u32 x1, u32 first,
                      u32 last, FilmPixel* row, FeaturePixel* features, PathStats&);
+  // Adds the samples that a region wants to its film.
+  void (*render_region)(const SceneView&, const RenderView&, const Region&, PathStats&);
   // The radiance of one sample.
   Vec3 (*radiance)(const SceneView&, const RenderView&, u32 x, u32 y, u32 sample);
   // Nearest hits and occlusion of n rays, each up to limit[i].

@@ -15,6 +15,7 @@ void render(const SceneView& scene, const RenderView& view, Samples& samples, Pa
   // New camera rays are traced by themselves, since those of one pixel lie close together, before
   // their paths take the places of those that have ended.
   Wave wave, fresh;
+  wave.groups = fresh.groups = samples.groups();
   Vertices vertices = {};
   CameraBatch<kBatch> batch;
   u32 n = 0;              // samples in the batch that began last
@@ -71,6 +72,12 @@ void render(const SceneView& scene, const RenderView& view, Samples& samples, Pa
 void render_row(const SceneView& scene, const RenderView& view, u32 y, u32 x0, u32 x1, u32 first,
                 u32 last, FilmPixel* row, FeaturePixel* features, PathStats& stats) {
   RowSamples samples(y, x0, x1, first, last, row, features);
+  render(scene, view, samples, stats);
+}
+
+void render_region(const SceneView& scene, const RenderView& view, const Region& region,
+                   PathStats& stats) {
+  RegionSamples samples(scene, view, region, stats);
   render(scene, view, samples, stats);
 }
 
@@ -176,8 +183,9 @@ void filter_offsets(const FilterTable& table, const float* u, u64 n, float* out)
 }  // namespace
 
 extern const Kernels kKernels;
-const Kernels kKernels = {PH_TEXT(PH_ISA), render_row, one_radiance,  intersect_all, occluded_all,
-                          bodies,          warp,       warp_pdf,      bsdf_sample,   bsdf_eval,
-                          light_sample,    draws,      filter_offsets};
+const Kernels kKernels = {PH_TEXT(PH_ISA), render_row,    render_region, one_radiance,
+                          intersect_all,   occluded_all,  bodies,        warp,
+                          warp_pdf,        bsdf_sample,   bsdf_eval,     light_sample,
+                          draws,           filter_offsets};
 
 }  // namespace parhelion::PH_ISA

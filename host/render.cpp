@@ -139,6 +139,7 @@ using Clock = std::chrono::steady_clock;
 constexpr auto kTickInterval = std::chrono::milliseconds(50);
 // Between two looks at whether to stop; a millisecond's work, of most scenes.
 constexpr u32 kSamplesPerStep = 512;
+constexpr u32 kSamplesOfRegion = 8;
 
 // What the threads of a pass share. Only thread 0, the caller's own, ticks.
 struct Pass {
@@ -237,13 +238,66 @@ u64 render_tile(const Job& job, u32 x0, u32 y0, u32 edge, bool ticks, PathStats&
   return done;
 }
 
+// Renders a region of the picture whose pixels share paths, as far as it lies in the film: x0, y0
+// are its top left pixel in the picture. Returns how many samples the film got.
+u64 render_region(const Job& job, u32 x0, u32 y0, bool ticks, PathStats& stats) {
+  Film& film = job.film;
+  u32 target[kRegionPixels];
+  Region region = {x0,
+                   y0,
+                   {},
+                   {},
+                   film.pixels.data(),
+                   film.features.empty() ? nullptr : film.features.data(),
+                   film.x,
+                   film.y,
+                   film.width};
+  const u32 left = std::max(x0, film.x), right = std::min(x0 + kRegion, film.x + film.width);
+  const u32 top = std::max(y0, film.y), bottom = std::min(y0 + kRegion, film.y + film.height);
+  const auto for_each_pixel = [&](auto&& f) {
+    for (u32 y = top; y < bottom; ++y) {
+      for (u32 x = left; x < right; ++x) f(x - film.x, y - film.y, (y - y0) * kRegion + (x - x0));
+    }
+  };
+  for_each_pixel([&](u32 x, u32 y, u32 at) { target[at] = job.targets.of(film, x, y); });
+  u64 done = 0;
+  while (!job.pass.stop.load(std::memory_order_relaxed)) {
+    // Pixels that are behind others go first, so that groups are whole.
+    u32 from = kNone;
+    for_each_pixel([&](u32 x, u32 y, u32 at) {
+      const u32 count = film.pixel(x, y).count;
+      if (count < target[at]) from = std::min(from, count);
+    });
+    if (from == kNone) break;
+    u32 to = from + kSamplesOfRegion;
+    if (!film.prefixes.empty()) to = std::min(to, std::bit_ceil(from + 1));
+    for_each_pixel([&](u32 x, u32 y, u32 at) {
+      const u32 count = film.pixel(x, y).count;
+      region.from[at] = count;
+      region.to[at] = std::max(count, std::min(to, target[at]));
+      done += region.to[at] - count;
+    });
+    job.kernels.render_region(job.scene, job.view, region, stats);
+    for_each_pixel([&](u32 x, u32 y, u32 at) {
+      if (region.from[at] < region.to[at] && !film.prefixes.empty())
+        keep_prefix(film.prefix(x, y), film.pixel(x, y));
+    });
+    if (ticks) job.pass.maybe_tick(done, stats.rays);
+  }
+  return done;
+}
+
 }  // namespace
 
 PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderView& view,
                        Film& film, const Targets& targets, const RenderOptions& options,
                        const Tick& tick) {
-  const u32 edge = options.tile;
-  const u32 across = (film.width + edge - 1) / edge, down = (film.height + edge - 1) / edge;
+  // Regions lie as they do in the whole picture, so that a part of it has the same groups.
+  const bool regions = view.reuse_paths && !scene.view().has_holes;
+  const u32 edge = regions ? kRegion : options.tile;
+  const u32 x0 = regions ? film.x % kRegion : 0, y0 = regions ? film.y % kRegion : 0;
+  const u32 across = (x0 + film.width + edge - 1) / edge,
+            down = (y0 + film.height + edge - 1) / edge;
   const i64 tiles = static_cast<i64>(across) * down;
   const SceneView scene_view = scene.view();
   switch (options.schedule) {
@@ -263,7 +317,9 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderV
       const u32 x = static_cast<u32>(tile % across) * edge;
       const u32 y = static_cast<u32>(tile / across) * edge;
       PathStats stats = {0};
-      const u64 done = render_tile(job, x, y, edge, first_thread, stats);
+      const u64 done =
+          regions ? render_region(job, film.x - x0 + x, film.y - y0 + y, first_thread, stats)
+                  : render_tile(job, x, y, edge, first_thread, stats);
       pass.samples.fetch_add(done, std::memory_order_relaxed);
       pass.rays.fetch_add(stats.rays, std::memory_order_relaxed);
     }

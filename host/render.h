@@ -33,6 +33,8 @@ struct Film {
   std::vector<Prefix> prefixes;        // as many, or none, and no errors can be told then
 
   Film(u32 x, u32 y, u32 width, u32 height, bool with_features = false, bool with_errors = false);
+  FilmPixel& pixel(u32 px, u32 py) { return pixels[size_t{py} * width + px]; }
+  Prefix& prefix(u32 px, u32 py) { return prefixes[size_t{py} * width + px]; }
   // Cells lie in rows of one a block: the even ones of the first row of blocks, the odd ones of it,
   // the even ones of the next, and so on.
   u32 cells_across() const { return (width + kBlock - 1) / kBlock; }

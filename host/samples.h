@@ -71,6 +71,7 @@ class RowSamples {
     record(features_[batch.x[i] - x0_], seen, batch.sample[i]);
   }
   bool sees() const { return features_ != nullptr; }
+  PathGroup* groups() { return nullptr; }
   void finish() {
     finished_.add_all();
     for (u32 i = 0; i < x1_ - x0_; ++i) {
@@ -83,6 +84,128 @@ class RowSamples {
   u32 y_, x0_, x1_, first_, last_, x_, sample_;
   FeaturePixel* features_;
   Finished finished_;
+};
+
+// The pixels of a region, in groups whose paths are shared: those of even rows and those of odd
+// ones apart, as they decide for each other how many samples they get (render.h). Which are in a
+// group is left to chance, so that what they have in common does not lie side by side.
+PH_INLINE u32 pixel_in_region(u64 key, u32 parity, u32 number) {
+  static_assert(kRegion == 16, "below are seven bits for the pixels of rows of one parity");
+  u32 i = number;
+  for (u32 round = 0; round < 3; ++round) {
+    i = (i * static_cast<u32>(key >> (16 * round) & 0xfe) + i +
+         static_cast<u32>(key >> (16 * round + 8))) &
+        127;
+    i ^= i >> 3;
+  }
+  return (i / kRegion * 2 + parity) * kRegion + i % kRegion;
+}
+
+// Samples of a region's pixels, of each from one number to another; the others of their groups come
+// with them, and are left out of the film.
+class RegionSamples {
+ public:
+  RegionSamples(const SceneView& scene, const RenderView& view, const Region& region,
+                PathStats& stats)
+      : scene_(scene), view_(view), region_(region), stats_(stats), finished_{region.pixels} {
+    first_ = kNone, last_ = 0;
+    for (u32 i = 0; i < kRegionPixels; ++i) {
+      if (region.from[i] >= region.to[i]) continue;
+      first_ = region.from[i] < first_ ? region.from[i] : first_;
+      last_ = region.to[i] > last_ ? region.to[i] : last_;
+    }
+    key_ = mix(mix(static_cast<u64>(region.y) << 32 | region.x));
+    sample_ = first_;
+    for (u32 g = 0; g < kPool; ++g) free_[g] = g;
+  }
+
+  u32 next(CameraBatch<kBatch>& batch, u32 (&tag)[kBatch]) {
+    u32 n = 0;
+    while (n < kBatch) {
+      if (member_ == member_end_ && !next_group()) break;
+      const PathGroup& g = pool_[current_];
+      batch.x[n] = g.x[member_], batch.y[n] = g.y[member_], batch.sample[n] = g.sample;
+      tag[n++] = current_ * kReused + member_++;
+    }
+    return n;
+  }
+  void end(u32 tag, Vec3 light) {
+    PathGroup& g = pool_[tag / kReused];
+    g.gathered.set(tag % kReused, light);
+    if (--g.going != 0) return;
+    Vec3 radiance[kReused];
+    share_out(scene_, view_, g, radiance, stats_);
+    for (u32 i = 0; i < g.count; ++i) {
+      if (wanted(g.x[i], g.y[i], g.sample)) finished_.take(place(g.x[i], g.y[i]), radiance[i]);
+    }
+    free_[free_count_++] = tag / kReused;
+  }
+  void see(const CameraBatch<kBatch>& batch, u32 i, const Features& seen) {
+    if (!wanted(batch.x[i], batch.y[i], batch.sample[i])) return;
+    record(region_.features[place(batch.x[i], batch.y[i])], seen, batch.sample[i]);
+  }
+  bool sees() const { return region_.features != nullptr; }
+  PathGroup* groups() { return pool_; }
+  void finish() {
+    finished_.add_all();
+    for (u32 i = 0; i < kRegionPixels; ++i) {
+      if (region_.from[i] >= region_.to[i]) continue;
+      const u32 at = place(region_.x + i % kRegion, region_.y + i / kRegion);
+      carry(region_.pixels[at]);
+      if (region_.features) carry(region_.features[at]);
+    }
+  }
+
+ private:
+  // Each group that has begun has a path among the lanes of two waves, but for the one to begin.
+  static constexpr u32 kPool = 2 * kBatch + 1;
+  static constexpr u32 kGroups = kRegionPixels / kReused;
+
+  bool wanted(u32 x, u32 y, u32 sample) const {
+    const u32 i = (y - region_.y) * kRegion + (x - region_.x);
+    return region_.from[i] <= sample && sample < region_.to[i];
+  }
+  u32 place(u32 x, u32 y) const { return (y - region_.y0) * region_.stride + (x - region_.x0); }
+
+  // Begins the next group of which a sample is wanted.
+  bool next_group() {
+    for (; sample_ < last_; ++sample_, number_ = 0) {
+      while (number_ < kGroups) {
+        const u32 parity = number_ % 2, first = number_ / 2 * kReused;
+        ++number_;
+        current_ = free_[free_count_ - 1];
+        PathGroup& g = pool_[current_];
+        g.sample = sample_;
+        g.count = g.starts = g.joins = 0;
+        bool any = false;
+        for (u32 m = 0; m < kReused; ++m) {
+          const u32 i = pixel_in_region(key_, parity, first + m);
+          const u32 x = region_.x + i % kRegion, y = region_.y + i / kRegion;
+          if (x >= view_.width || y >= view_.height) continue;
+          g.x[g.count] = x, g.y[g.count] = y;
+          ++g.count;
+          any |= wanted(x, y, sample_);
+        }
+        if (!any) continue;
+        g.going = g.count;
+        --free_count_;
+        member_ = 0, member_end_ = g.count;
+        return true;
+      }
+    }
+    return false;
+  }
+
+  const SceneView& scene_;
+  const RenderView& view_;
+  const Region& region_;
+  PathStats& stats_;
+  Finished finished_;
+  PathGroup pool_[kPool];
+  u64 key_;
+  u32 free_[kPool], free_count_ = kPool;
+  u32 first_, last_, sample_, number_ = 0;
+  u32 current_ = 0, member_ = 0, member_end_ = 0;
 };
 
 }  // namespace parhelion::PH_ISA

@@ -42,7 +42,10 @@ def scene(tmp_path: Path) -> Path:
         ("a.exr", "--noise 0.5 --bits 16 --features --compression piz --tiled"),
         ("a.exr", "--time-limit 0.4 --seed 7 --integrator ao --ao-distance 2"),
         ("a.png", "--noise 0.5 --exposure 0.5 --view-transform agx --white-balance 4000"),
-        ("a.png", "--spp 2 --bits 16 --crop 3,4,20,11 --max-depth 3 --clamp-indirect 1"),
+        (
+            "a.png",
+            "--spp 2 --bits 16 --crop 3,4,20,11 --max-depth 3 --clamp-indirect 1 --reuse-paths",
+        ),
         ("a.png", "--spp 2 --view top --ground --background orange --filter box"),
         ("a.jpg", "--spp 2 --sampler independent --no-roulette"),
         ("a.exr", "--spp 2 --denoise"),

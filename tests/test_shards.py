@@ -52,14 +52,23 @@ def three(scene: Any, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return parts_of(scene, tmp_path_factory.mktemp("three"), 3)
 
 
-@given(st.integers(1, 90), st.integers(1, 90), st.data())
-def test_each_block_is_in_one_shard(width: int, height: int, data: st.DataObject) -> None:
-    blocks = shards.block_count(width, height)
-    count = data.draw(st.integers(1, blocks))
-    all_of_them = [shards.blocks_of((i, count), width, height) for i in range(1, count + 1)]
-    np.testing.assert_array_equal(np.sum(all_of_them, axis=0), 1)
-    sizes = [int(own.sum()) for own in all_of_them]
+@given(st.integers(1, 90), st.integers(1, 90), st.booleans(), st.data())
+def test_each_block_is_in_one_shard(
+    width: int, height: int, reuse_paths: bool, data: st.DataObject
+) -> None:
+    edge = ph._core.region if reuse_paths else ph._core.block
+    squares = -(-width // edge) * -(-height // edge)
+    count = data.draw(st.integers(1, squares))
+    own = [shards.blocks_of((i, count), width, height, reuse_paths) for i in range(1, count + 1)]
+    np.testing.assert_array_equal(np.sum(own, axis=0), 1)
+    assert own[0].size == shards.block_count(width, height)
+    # those whose pixels share paths stay together
+    per = edge // ph._core.block
+    sizes = [int(blocks[::per, ::per].sum()) for blocks in own]
     assert max(sizes) - min(sizes) <= 1
+    for blocks in own:
+        whole = blocks[::per, ::per].repeat(per, axis=0).repeat(per, axis=1)
+        np.testing.assert_array_equal(blocks, whole[: blocks.shape[0], : blocks.shape[1]])
 
 
 @pytest.mark.parametrize("count", [4, 16, 30])  # 30 blocks across: rotated from row to row
@@ -122,6 +131,8 @@ def test_one_picture_of_shards_is_that_of_one_machine(
         {"crop": (13, 5, 61, 40)},
         {"filter": "gaussian", "sampler": "independent", "seed": 7, "integrator": "direct"},
         {"backdrop": (0.1, 0.2, 0.3), "clamp_indirect": 1.0, "max_depth": 3},
+        {"reuse_paths": True},
+        {"reuse_paths": True, "crop": (13, 5, 61, 40)},
     ],
 )
 def test_settings_are_those_of_the_shards(
@@ -354,7 +365,7 @@ def test_what_cannot_be_asked_of_a_shard(scene: Any, tmp_path: Path) -> None:
     refused("noise: a shard does not know", noise=0.1)
     refused("counts: a shard", counts=np.ones((57, 100), np.int64))
     refused("no more shards", shard=(1, 105))
-    refused(r"has 104 blocks of 8x8 pixels", shard=(1, 105))
+    refused(r"has 104 squares of 8x8 pixels", shard=(1, 105))
     for wrong in (3, (0, 2), (3, 2), (1, 2, 3), ("1", "2"), (1.0, 2), "1/2", (1, 0), (1, 10**9)):
         refused("shard", shard=wrong)
     with pytest.raises(ph.SceneError, match="parts: a list of files is needed, not str"):

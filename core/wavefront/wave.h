@@ -7,10 +7,13 @@ namespace parhelion::PH_ISA {
 
 inline constexpr u32 kAllLanes = (1u << kBatch) - 1;
 
+struct PathGroup;
+
 struct Wave {
   u32 alive = 0;  // a bit for each path that goes on
   Paths paths = {};
   Features* features = nullptr;  // by lane, if they are asked for
+  PathGroup* groups = nullptr;   // of paths that are shared, by their tags, if any are (reuse.h)
 
   // Light that is direct has been found when the second ray ends.
   PH_INLINE void note_direct(u32 k) {

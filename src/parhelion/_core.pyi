@@ -65,6 +65,7 @@ class Film:
 
 sources: str
 block: int
+region: int
 
 def make_view(scene: Scene, **settings: Any) -> View: ...
 def one_sample(

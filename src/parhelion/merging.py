@@ -159,7 +159,8 @@ def _told(file: Path) -> _Part:
         done = np.frombuffer(archive.read("done"), np.uint32)
         if done.size != 2 * shards.block_count(width, height):
             raise ValueError
-        cells = shards.blocks_of(shard, width, height).repeat(2, axis=0)
+        blocks = shards.blocks_of(shard, width, height, settings.reuse_paths)
+        cells = blocks.repeat(2, axis=0)
         return _Part(
             file=file,
             shard=shard,
@@ -258,7 +259,8 @@ def _film(parts: list[_Part], features: bool) -> Any:
     width, height = parts[0].settings.size
     film = _core.Film(x, y, width, height, features, True)
     for part in parts:
-        own = checkpoint.own_pixels(film, shards.blocks_of(part.shard, width, height))
+        blocks = shards.blocks_of(part.shard, width, height, part.settings.reuse_paths)
+        own = checkpoint.own_pixels(film, blocks)
         with checkpoint.reading(part.file) as archive:
             for name, values in checkpoint.of_film(film).items():
                 checkpoint.fill(archive, name, values, own)

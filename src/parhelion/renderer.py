@@ -332,6 +332,7 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
         backdrop=None if s.backdrop is None else arguments.color("backdrop", s.backdrop),
         noise=arguments.length("noise", s.noise),
         clamp_indirect=arguments.length("clamp_indirect", s.clamp_indirect),
+        reuse_paths=arguments.flag("reuse_paths", s.reuse_paths),
     )
     if s.integrator not in INTEGRATORS:
         raise SceneError(unknown_name("integrator", s.integrator, INTEGRATORS))
@@ -393,6 +394,7 @@ def make_view(core: Any, camera: Camera, settings: Settings, tree: bool = True) 
         ao_distance=settings.ao_distance or 0.0,
         backdrop=settings.backdrop,
         clamp_indirect=settings.clamp_indirect or 0.0,
+        reuse_paths=settings.reuse_paths,
     )
 
 
@@ -523,7 +525,7 @@ def _shard(
             f" {option('spp')}"
         )
     found = shards.checked_shard(shard)
-    return found, shards.blocks_of(found, *wanted.size)
+    return found, shards.blocks_of(found, *wanted.size, wanted.reuse_paths)
 
 
 def _told_shard(prepared: Prepared, features: bool, work: Work) -> dict[str, Any]:

@@ -32,34 +32,39 @@ def checked_shard(shard: Any) -> tuple[int, int]:
     return arguments.whole(f"{option('shard')}: the shard", index, 1, count), count
 
 
-def blocks_of(shard: tuple[int, int], width: int, height: int) -> NDArray[np.bool_]:
+def blocks_of(
+    shard: tuple[int, int], width: int, height: int, reuse_paths: bool = False
+) -> NDArray[np.bool_]:
     """Which blocks of a picture a shard has, (blocks down, blocks across).
 
-    Of every `count` blocks in a row each shard has one, each time another, so that all have as
-    much to do wherever in the picture there is much. Raises SceneError for more shards than blocks.
+    Of every `count` squares in a row each shard has one, each time another, so that all have as
+    much to do wherever in the picture there is much. A square is a block, or, with reuse_paths,
+    the region whose pixels share paths. Raises SceneError for more shards than squares.
     """
     from . import _core
 
     index, count = shard
-    blocks = block_count(width, height)
-    if count > blocks:
+    block: int = _core.block
+    edge: int = _core.region if reuse_paths else block
+    across, down = _along(width, edge), _along(height, edge)
+    if count > across * down:
         raise SceneError(
-            f"{option('shard')} {index}/{count}: a picture of {width}x{height} has {blocks} blocks"
-            f" of {_core.block}x{_core.block} pixels, and no more shards"
+            f"{option('shard')} {index}/{count}: a picture of {width}x{height} has"
+            f" {across * down} squares of {edge}x{edge} pixels to share, and no more shards"
         )
-    group, place = np.divmod(np.arange(blocks), count)
+    group, place = np.divmod(np.arange(across * down), count)
     turn = np.floor(group * _GOLDEN % 1.0 * count).astype(np.int64)
-    of_blocks: NDArray[np.bool_] = ((place + turn) % count == index - 1).reshape(-1, _along(width))
-    return of_blocks
+    own: NDArray[np.bool_] = ((place + turn) % count == index - 1).reshape(down, across)
+    of_blocks = own.repeat(edge // block, axis=0).repeat(edge // block, axis=1)
+    return of_blocks[: _along(height, block), : _along(width, block)]
 
 
 def block_count(width: int, height: int) -> int:
     """How many blocks a picture has."""
-    return _along(width) * _along(height)
-
-
-def _along(side: int) -> int:
     from . import _core
 
-    block: int = _core.block
-    return -(-side // block)
+    return _along(width, _core.block) * _along(height, _core.block)
+
+
+def _along(side: int, edge: int) -> int:
+    return -(-side // edge)

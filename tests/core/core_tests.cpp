@@ -143,17 +143,19 @@ RenderView make_view(const Scene& scene, u32 width, u32 height, SamplerKind samp
   CameraInput camera{};
   camera = {{2.0, 1.2, 2.5}, {0.5, 0.4, 0.5}, {0, 1, 0}, 0.0, 40.0, 0.02, 0.0};
   camera.projection = "perspective";
-  return {make_camera(camera, width, height, scene.scale(), scene.view().bounds),
-          make_filter("blackman-harris", 0.0),
-          sampler,
-          7,
-          12,
-          true,
-          true,
-          Integrator::path,
-          kInfinity,
-          {std::nanf(""), 0.0f, 0.0f},
-          {}};
+  RenderView view = {make_camera(camera, width, height, scene.scale(), scene.view().bounds),
+                     make_filter("blackman-harris", 0.0),
+                     sampler,
+                     7,
+                     12,
+                     true,
+                     true,
+                     Integrator::path,
+                     kInfinity,
+                     {std::nanf(""), 0.0f, 0.0f},
+                     {}};
+  view.width = width, view.height = height;
+  return view;
 }
 
 // Every cell's target.
@@ -167,12 +169,13 @@ bool same(const Film& a, const Film& b) {
 
 const Tick kNever = [](u64, u64) { return false; };
 
-void pictures_do_not_depend_on_how_they_are_made() {
+void pictures_do_not_depend_on_how_they_are_made(bool reuse_paths) {
   const Cloud cloud(6000);
   const Scene scene(input_of({cloud.group()}, Cloud::materials()));
-  CHECK(scene.light_count() == 1286);
+  CHECK(scene.light_count() == 1286 && !scene.view().has_holes);
   for (SamplerKind sampler : {SamplerKind::sobol, SamplerKind::independent}) {
-    const RenderView view = make_view(scene, 40, 24, sampler);
+    RenderView view = make_view(scene, 40, 24, sampler);
+    view.reuse_paths = reuse_paths;
     Film reference(0, 0, 40, 24);
     render_pass(kernels("baseline"), scene, view, reference, all_to(reference, 4),
                 {1, 16, Schedule::dynamic_}, kNever);
@@ -186,6 +189,7 @@ void pictures_do_not_depend_on_how_they_are_made() {
                                          {2, 16, schedule}, kNever);
         CHECK(r.complete && r.samples == 40 * 24 + 32 * 5 && r.rays >= r.samples);
         CHECK(same(reference, film));
+        if (reuse_paths) continue;  // samples are not rendered by themselves
         Film later(0, 0, 40, 24);
         later.begin(std::vector<u32>(later.pixels.size(), 1));
         render_pass(kernels(isa), scene, view, later, all_to(later, 4), {3, 7, schedule}, kNever);
@@ -210,6 +214,13 @@ void pictures_do_not_depend_on_how_they_are_made() {
       CHECK(std::memcmp(&crop.pixels[y * 9], &reference.pixels[(y + 5) * 40 + 10],
                         9 * sizeof(FilmPixel)) == 0);
     }
+    RenderView other = view;
+    other.reuse_paths = !reuse_paths;
+    render_pass(kernels(), scene, other, film, all_to(film, 8), {2, 16, Schedule::dynamic_},
+                kNever);
+    render_pass(kernels(), scene, view, reference, all_to(reference, 8),
+                {2, 16, Schedule::dynamic_}, kNever);
+    CHECK(!same(reference, film));
   }
 }
 
@@ -836,7 +847,8 @@ void probes_run() {
 }  // namespace
 
 int main() {
-  pictures_do_not_depend_on_how_they_are_made();
+  pictures_do_not_depend_on_how_they_are_made(false);
+  pictures_do_not_depend_on_how_they_are_made(true);
   batches_are_their_samples();
   samples_that_are_not_finite_are_counted_and_left_out();
   rays_meet_the_same_through_the_tree_and_without();

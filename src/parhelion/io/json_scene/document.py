@@ -521,6 +521,9 @@ class Settings(Struct, forbid_unknown_fields=True):
         Positive | None,
         _doc("the most that light brings to a sample after more than one scattering; darkens"),
     ] = model.Settings.clamp_indirect
+    reuse_paths: Annotated[
+        bool, _doc("matte surfaces use the light that paths of pixels close by have found")
+    ] = model.Settings.reuse_paths
 
 
 class Document(Struct, forbid_unknown_fields=True):
