@@ -139,7 +139,7 @@ using Clock = std::chrono::steady_clock;
 constexpr auto kTickInterval = std::chrono::milliseconds(50);
 // Between two looks at whether to stop; a millisecond's work, of most scenes.
 constexpr u32 kSamplesPerStep = 512;
-constexpr u32 kSamplesOfRegion = 8;
+constexpr u32 kSamplesOfRegion = 16;
 
 // What the threads of a pass share. Only thread 0, the caller's own, ticks.
 struct Pass {

@@ -88,7 +88,8 @@ class RowSamples {
 
 // The pixels of a region, in groups whose paths are shared: those of even rows and those of odd
 // ones apart, as they decide for each other how many samples they get (render.h). Which are in a
-// group is left to chance, so that what they have in common does not lie side by side.
+// group is left to chance, again after some samples, so that what they have in common neither lies
+// side by side nor stays with the same.
 PH_INLINE u32 pixel_in_region(u64 key, u32 parity, u32 number) {
   static_assert(kRegion == 16, "below are seven bits for the pixels of rows of one parity");
   u32 i = number;
@@ -102,7 +103,8 @@ PH_INLINE u32 pixel_in_region(u64 key, u32 parity, u32 number) {
 }
 
 // Samples of a region's pixels, of each from one number to another; the others of their groups come
-// with them, and are left out of the film.
+// with them, and are left out of the film. The groups of sixteen pixels begin for some samples
+// together, so that the camera's rays are batches of one pixel's.
 class RegionSamples {
  public:
   RegionSamples(const SceneView& scene, const RenderView& view, const Region& region,
@@ -114,7 +116,6 @@ class RegionSamples {
       first_ = region.from[i] < first_ ? region.from[i] : first_;
       last_ = region.to[i] > last_ ? region.to[i] : last_;
     }
-    key_ = mix(mix(static_cast<u64>(region.y) << 32 | region.x));
     sample_ = first_;
     for (u32 g = 0; g < kPool; ++g) free_[g] = g;
   }
@@ -122,10 +123,14 @@ class RegionSamples {
   u32 next(CameraBatch<kBatch>& batch, u32 (&tag)[kBatch]) {
     u32 n = 0;
     while (n < kBatch) {
-      if (member_ == member_end_ && !next_group()) break;
-      const PathGroup& g = pool_[current_];
+      if (begun_ == 0 && !next_groups()) break;
+      const u32 index = current_[turn_];
+      const PathGroup& g = pool_[index];
       batch.x[n] = g.x[member_], batch.y[n] = g.y[member_], batch.sample[n] = g.sample;
-      tag[n++] = current_ * kReused + member_++;
+      tag[n++] = index * kReused + member_;
+      if (++turn_ < begun_) continue;
+      turn_ = 0;
+      if (++member_ == g.count) begun_ = 0;
     }
     return n;
   }
@@ -157,8 +162,10 @@ class RegionSamples {
   }
 
  private:
-  // Each group that has begun has a path among the lanes of two waves, but for the one to begin.
-  static constexpr u32 kPool = 2 * kBatch + 1;
+  // Samples whose groups begin together: of the same pixels.
+  static constexpr u32 kTogether = 16;
+  // Each group that has begun has a path among the lanes of two waves, but for those to begin.
+  static constexpr u32 kPool = 2 * kBatch + kTogether;
   static constexpr u32 kGroups = kRegionPixels / kReused;
 
   bool wanted(u32 x, u32 y, u32 sample) const {
@@ -167,33 +174,43 @@ class RegionSamples {
   }
   u32 place(u32 x, u32 y) const { return (y - region_.y0) * region_.stride + (x - region_.x0); }
 
-  // Begins the next group of which a sample is wanted.
-  bool next_group() {
-    for (; sample_ < last_; ++sample_, number_ = 0) {
+  // Begins the next groups of which a sample is wanted.
+  bool next_groups() {
+    for (; sample_ < last_; sample_ = end_of_turn(), number_ = 0) {
       while (number_ < kGroups) {
-        const u32 parity = number_ % 2, first = number_ / 2 * kReused;
-        ++number_;
-        current_ = free_[free_count_ - 1];
-        PathGroup& g = pool_[current_];
-        g.sample = sample_;
-        g.count = g.starts = g.joins = 0;
-        bool any = false;
-        for (u32 m = 0; m < kReused; ++m) {
-          const u32 i = pixel_in_region(key_, parity, first + m);
-          const u32 x = region_.x + i % kRegion, y = region_.y + i / kRegion;
-          if (x >= view_.width || y >= view_.height) continue;
-          g.x[g.count] = x, g.y[g.count] = y;
-          ++g.count;
-          any |= wanted(x, y, sample_);
+        const u32 number = number_++;
+        for (u32 sample = sample_, end = end_of_turn(); sample < end; ++sample) {
+          PathGroup& g = pool_[free_[free_count_ - 1]];
+          if (!fill(g, number, sample)) continue;
+          current_[begun_++] = free_[--free_count_];
         }
-        if (!any) continue;
-        g.going = g.count;
-        --free_count_;
-        member_ = 0, member_end_ = g.count;
-        return true;
+        member_ = turn_ = 0;
+        if (begun_ != 0) return true;
       }
     }
     return false;
+  }
+  u32 end_of_turn() const {
+    const u32 end = (sample_ / kTogether + 1) * kTogether;
+    return end < last_ ? end : last_;
+  }
+  // Makes a group of its pixels; whether any of them wants the sample.
+  bool fill(PathGroup& g, u32 number, u32 sample) const {
+    const u64 key = mix(mix(static_cast<u64>(region_.y) << 32 | region_.x) + sample / kTogether);
+    const u32 parity = number % 2, first = number / 2 * kReused;
+    g.sample = sample;
+    g.count = g.starts = g.joins = 0;
+    bool any = false;
+    for (u32 m = 0; m < kReused; ++m) {
+      const u32 i = pixel_in_region(key, parity, first + m);
+      const u32 x = region_.x + i % kRegion, y = region_.y + i / kRegion;
+      if (x >= view_.width || y >= view_.height) continue;
+      g.x[g.count] = x, g.y[g.count] = y;
+      ++g.count;
+      any |= wanted(x, y, sample);
+    }
+    g.going = g.count;
+    return any;
   }
 
   const SceneView& scene_;
@@ -202,10 +219,10 @@ class RegionSamples {
   PathStats& stats_;
   Finished finished_;
   PathGroup pool_[kPool];
-  u64 key_;
   u32 free_[kPool], free_count_ = kPool;
   u32 first_, last_, sample_, number_ = 0;
-  u32 current_ = 0, member_ = 0, member_end_ = 0;
+  // Groups whose samples are given next, pixel after pixel: sixteen at most, or none.
+  u32 current_[kTogether], begun_ = 0, member_ = 0, turn_ = 0;
 };
 
 }  // namespace parhelion::PH_ISA
