@@ -83,7 +83,7 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
     from parhelion.flatten import flatten
 
     from .gallery import load
-    from .measure import OURS, PEERS
+    from .measure import OURS, PEERS, REUSED
 
     pixels = plan.width * plan.height
     scene = load(name, pixels)
@@ -95,8 +95,9 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
     with ExitStack() as stack:
         workers: dict[str, Worker] = {}
         references: dict[str, Any] = {}
-        for peer in (OURS, *plan.peers):
-            module, more = PEERS.get(peer, (OURS, {}))
+        ways = {OURS: (OURS, {}), REUSED: (OURS, {"reuse_paths": True}), **PEERS}
+        for peer in (OURS, REUSED, *plan.peers):
+            module, more = ways[peer]
             try:
                 worker = Worker(module, job | more)
                 stack.callback(worker.close)
@@ -146,7 +147,7 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
             base = _seconds(*ours, targets[error], error, clock)
             pairs[error, clock] = ratios(values, base) if peer != OURS else []
             words = f"equal {error}, {name}, {'clock' if clock == 'seconds' else 'processor'}"
-            asked = 2.0 if peer != OURS else None
+            asked = 2.0 if peer in PEERS else None
             rows.append(
                 Row(
                     *(words, peer, "s", values, False, OURS, pairs[error, clock]),
@@ -183,7 +184,7 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
             f"{workers[peer].known['prepare_seconds']:.2f}",
             " ".join(f"{ratio:.3f}" for ratio in mean),
         ]
-        if peer != OURS:
+        if peer in PEERS:
             save_side_by_side(references[OURS], references[peer], folder / f"{name}, {peer}.png")
     return lines
 
