@@ -78,6 +78,9 @@ PH_INLINE MappedNormal mapped_normal(const SceneView& scene, const MaterialRecor
   return {n, dpdu};
 }
 
+// The least cosine of a normal that is not bent
+inline constexpr float kLeastSeen = 1e-3f;
+
 // That normal, bent towards wo where interpolation or a map has turned it away: the surface is
 // seen, so it may not be black. And towards the mirrored ray, until that leaves the surface, as in
 // A. Keller et al., "The Iray Light Transport Simulation and Rendering System", 2017, section on
@@ -85,14 +88,19 @@ PH_INLINE MappedNormal mapped_normal(const SceneView& scene, const MaterialRecor
 PH_INLINE Vec3 bent_normal(Vec3 n, Vec3 normal, Vec3 wo) {
   const float side = copysign(1.0f, dot(wo, normal));
   const Vec3 outside = normal * side;
-  constexpr float kLeast = 1e-3f;
   const float cosine = side * dot(wo, n);
-  n = select(cosine < kLeast, normalize(n + wo * (side * (kLeast - cosine))), n);
+  n = select(cosine < kLeastSeen, normalize(n + wo * (side * (kLeastSeen - cosine))), n);
   const Vec3 mirrored = n * (2.0f * dot(wo, n)) - wo;
-  const float least = min(kLeast, 0.9f * dot(wo, outside));
+  const float least = min(kLeastSeen, 0.9f * dot(wo, outside));
   const float height = dot(mirrored, outside);
   const Vec3 lifted = normalize(mirrored + outside * (least - height));
   return select(height < least, normalize(wo + lifted) * side, n);
+}
+// Whether that leaves it as it is; n and outside on the side of wo.
+PH_INLINE bool stays_unbent(Vec3 n, Vec3 outside, Vec3 wo) {
+  const float cosine = dot(wo, n), seen = dot(wo, outside);
+  const float height = 2.0f * cosine * dot(n, outside) - seen;
+  return (cosine >= kLeastSeen) & (height >= min(kLeastSeen, 0.9f * seen));
 }
 
 // Whether light can pass; a surface that is opaque asks for light on the side that it is seen from.

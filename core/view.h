@@ -38,6 +38,10 @@ PH_INLINE constexpr Child make_leaf(ShapeKind kind, u32 index) {
 PH_INLINE constexpr ShapeKind leaf_kind(Child leaf) {
   return static_cast<ShapeKind>((leaf >> kLeafKindShift) & 7u);
 }
+// Whether a primitive may hide one point of a side from another that this side faces.
+PH_INLINE constexpr bool may_hide_itself(ShapeKind kind) {
+  return kind == ShapeKind::cylinder || kind == ShapeKind::curve;
+}
 
 // Levels of nodes in the deepest tree that the builder may make; bounds the traversal's stack.
 inline constexpr int kMaxTreeDepth = 24;

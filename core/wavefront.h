@@ -39,11 +39,10 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   Kinds kinds;
   u32 asking = 0;
   const u32 scattering = approach(scene, wave, v, meeting, kinds, asking, watch);
-  u32 starting = 0;
   if (wave.groups) {
     const u32 matte = lambertian(kinds);
     join_groups(wave, v, matte);
-    for_each_bit(matte, [&](u32 k) { starting |= (p.depth[k] == 1 ? 1u : 0u) << k; });
+    start_groups(wave, v, matte);
   }
   if (scattering == 0) return;
   BounceDraws draws = {};
@@ -64,7 +63,6 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
     });
   }
   const u32 on = scatter(scene, view, kinds, scattering, draws, v, p);
-  if (wave.groups) start_groups(wave, v, starting & on);
   for_each_bit(scattering, [&](u32 k) {
     watch(Step::scatters, wave, &v, k, (on >> k & 1u) != 0 ? Fate::passes : Fate::ends);
   });

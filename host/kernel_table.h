@@ -22,6 +22,8 @@ struct LightProbe {
 // A square of the picture whose pixels share paths (core/wavefront/reuse.h), and which samples of
 // each of them are wanted, row by row: none outside of the film.
 inline constexpr u32 kRegion = 16, kRegionPixels = kRegion * kRegion;
+// Samples of a pixel that begin together, from a multiple of it on: groups of the same pixels.
+inline constexpr u32 kRegionSamples = 16;
 struct Region {
   u32 x, y;  // of its top left pixel
   u32 from[kRegionPixels], to[kRegionPixels];

@@ -139,7 +139,6 @@ using Clock = std::chrono::steady_clock;
 constexpr auto kTickInterval = std::chrono::milliseconds(50);
 // Between two looks at whether to stop; a millisecond's work, of most scenes.
 constexpr u32 kSamplesPerStep = 512;
-constexpr u32 kSamplesOfRegion = 16;
 
 // What the threads of a pass share. Only thread 0, the caller's own, ticks.
 struct Pass {
@@ -269,7 +268,7 @@ u64 render_region(const Job& job, u32 x0, u32 y0, bool ticks, PathStats& stats) 
       if (count < target[at]) from = std::min(from, count);
     });
     if (from == kNone) break;
-    u32 to = from + kSamplesOfRegion;
+    u32 to = (from / kRegionSamples + 1) * kRegionSamples;
     if (!film.prefixes.empty()) to = std::min(to, std::bit_ceil(from + 1));
     for_each_pixel([&](u32 x, u32 y, u32 at) {
       const u32 count = film.pixel(x, y).count;

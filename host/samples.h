@@ -162,10 +162,8 @@ class RegionSamples {
   }
 
  private:
-  // Samples whose groups begin together: of the same pixels.
-  static constexpr u32 kTogether = 16;
   // Each group that has begun has a path among the lanes of two waves, but for those to begin.
-  static constexpr u32 kPool = 2 * kBatch + kTogether;
+  static constexpr u32 kPool = 2 * kBatch + kRegionSamples;
   static constexpr u32 kGroups = kRegionPixels / kReused;
 
   bool wanted(u32 x, u32 y, u32 sample) const {
@@ -180,9 +178,12 @@ class RegionSamples {
       while (number_ < kGroups) {
         const u32 number = number_++;
         for (u32 sample = sample_, end = end_of_turn(); sample < end; ++sample) {
-          PathGroup& g = pool_[free_[free_count_ - 1]];
-          if (!fill(g, number, sample)) continue;
-          current_[begun_++] = free_[--free_count_];
+          const u32 group = free_[--free_count_];
+          if (fill(pool_[group], number, sample)) {
+            current_[begun_++] = group;
+          } else {
+            free_[free_count_++] = group;
+          }
         }
         member_ = turn_ = 0;
         if (begun_ != 0) return true;
@@ -191,12 +192,13 @@ class RegionSamples {
     return false;
   }
   u32 end_of_turn() const {
-    const u32 end = (sample_ / kTogether + 1) * kTogether;
+    const u32 end = (sample_ / kRegionSamples + 1) * kRegionSamples;
     return end < last_ ? end : last_;
   }
   // Makes a group of its pixels; whether any of them wants the sample.
   bool fill(PathGroup& g, u32 number, u32 sample) const {
-    const u64 key = mix(mix(static_cast<u64>(region_.y) << 32 | region_.x) + sample / kTogether);
+    const u64 place = static_cast<u64>(region_.y) << 32 | region_.x;
+    const u64 key = mix(mix(place) + view_.seed + sample / kRegionSamples);
     const u32 parity = number % 2, first = number / 2 * kReused;
     g.sample = sample;
     g.count = g.starts = g.joins = 0;
@@ -218,11 +220,11 @@ class RegionSamples {
   const Region& region_;
   PathStats& stats_;
   Finished finished_;
-  PathGroup pool_[kPool];
+  PathGroup pool_[kPool] = {};
   u32 free_[kPool], free_count_ = kPool;
   u32 first_, last_, sample_, number_ = 0;
   // Groups whose samples are given next, pixel after pixel: sixteen at most, or none.
-  u32 current_[kTogether], begun_ = 0, member_ = 0, turn_ = 0;
+  u32 current_[kRegionSamples], begun_ = 0, member_ = 0, turn_ = 0;
 };
 
 }  // namespace parhelion::PH_ISA

@@ -72,6 +72,86 @@ def test_the_noise_is_less() -> None:
     assert errors[1] < 0.5 * errors[0]
 
 
+WHITE = ph.Material("diffuse", color=(0.7, 0.7, 0.7))
+LAMP = ph.Material("emissive", radiance=(30, 30, 30))
+
+
+def quad(corner: Any, u: Any, v: Any, material: ph.Material = WHITE, normal: Any = None) -> ph.Mesh:
+    """A parallelogram, with one shading normal all over it."""
+    a, b, c = (np.asarray(each, float) for each in (corner, u, v))
+    normals = None if normal is None else np.tile(normal / np.linalg.norm(normal), (4, 1))
+    faces = [[0, 1, 2], [0, 2, 3]]
+    return ph.Mesh([a, a + b, a + b + c, a + c], faces, material=material, normals=normals)
+
+
+def from_above(*shapes: Any) -> ph.Prepared:
+    """Seen from y = 3, x to the right; lit by what shines among them alone."""
+    camera = ph.Camera(eye=(0, 3, 0), target=(0, 0, 0), up=(0, 0, -1), vfov=40)
+    dark = ph.Light("constant", radiance=(0, 0, 0))
+    return ph.prepare(ph.Scene(list(shapes), camera=camera, background=dark))
+
+
+def columns(scene: ph.Prepared, count: int, reuse: bool) -> np.ndarray:
+    """Of pictures with other seeds, the means of eight columns: (count, 8)."""
+    size = {"width": 32, "height": 32, "spp": 16, "sampler": "independent", "max_depth": 3}
+    runs = [
+        ph.render(scene, reuse_paths=reuse, seed=1000 * reuse + k, **size).numpy()
+        for k in range(count)
+    ]
+    return np.array(runs, float).reshape(count, 32, 8, 4, 3).mean(axis=(1, 3, 4))
+
+
+def test_what_an_open_tube_hides_stays_dark() -> None:
+    """A ray passes the primitive that it is on its way to, so one point of it would see another."""
+    tube = ph.Cylinders([[0, 0, 0]], [[0, 0.8, 0]], 0.4, material=WHITE)
+    lamp = ph.Spheres([[0, 0.4, 0]], 0.05, material=LAMP)
+    scene = from_above(quad((-2, 0, 2), (4, 0, 0), (0, 0, -4)), tube, lamp)
+    size = {"width": 32, "height": 32, "spp": 16, "max_depth": 3}
+    alone, shared = (ph.render(scene, reuse_paths=reuse, **size).numpy() for reuse in (False, True))
+    assert (alone == 0).mean() > 0.3
+    np.testing.assert_array_equal(shared[alone == 0], 0)
+
+
+def test_normals_that_are_turned_away_weigh_as_much() -> None:
+    """Of a first surface some directions lie below it, which end the path and not the sharing; of a
+    second one the normal is bent towards some that look at it, and its light is another then."""
+    lean = (np.sin(0.9), np.cos(0.9), 0)
+    strips = [
+        quad((x, 0, 1), (0.25, 0, 0), (0, 0, -2), normal=lean if k % 2 else None)
+        for k, x in enumerate(np.arange(-1, 1, 0.25))
+    ]
+    wall = quad((-1, 0, 1), (0, 0, -2), (0, 2, 0), normal=(np.cos(1.0), np.sin(1.0), 0))
+    other = quad((1, 0, -1), (0, 0, 2), (0, 2, 0))
+    lamp = ph.Spheres([[0.7, 1.8, 0]], 0.15, material=LAMP)  # out of the picture
+    scene = from_above(*strips, wall, other, lamp)
+    alone, shared = (columns(scene, 60, reuse) for reuse in (False, True))
+    assert mean_p(shared - alone, np.zeros(8)) > SIGNIFICANCE
+    # it would see two hundredths
+    assert np.all(np.std(shared - alone, axis=0) / 60**0.5 < 0.008 * alone.mean(axis=0))
+
+
+def test_what_is_shared_is_bounded_too() -> None:
+    """Dark pixels' light, which is below the bound, is not above it for bright ones."""
+    texels = np.full((64, 64, 3), 45, np.uint8)
+    texels[::16] = 240
+    color = ph.Texture("image", image=texels, filter="nearest")
+    floor = quad((-1, 0, 1), (2, 0, 0), (0, 0, -2), ph.Material("diffuse", color=color))
+    uv = [[0, 0], [1, 0], [1, 1], [0, 1]]
+    floor = ph.Mesh(floor.vertices, floor.faces, material=floor.material, uvs=uv)
+    shining = ph.Material(
+        "diffuse", color=(0, 0, 0), emission=(300, 300, 300), two_sided_emission=False
+    )
+    lamp = quad((-0.1, 1.0, -0.9), (0.2, 0, 0), (0, -0.2, 0), shining)
+    scene = from_above(floor, quad((-1, 0, -1), (2, 0, 0), (0, 2, 0)), lamp)
+    # of the floor alone, which sees the lamp by way of the wall
+    size = {"width": 32, "height": 32, "crop": (4, 8, 24, 20), "spp": 1, "max_depth": 3}
+    size |= {"reuse_paths": True}
+    free, bounded = (ph.render(scene, clamp_indirect=most, **size).numpy() for most in (None, 1.0))
+    # little comes more than once; unbounded it is up to 25 times as much for bright ones
+    assert free.max() > 3
+    assert bounded.max() < 1.5
+
+
 @pytest.mark.parametrize("things", [False, True])
 @pytest.mark.parametrize("sampler", ["sobol", "independent"])
 def test_every_part_of_the_picture_has_the_same_mean(things: bool, sampler: str) -> None:
@@ -103,23 +183,25 @@ def test_threads_tiles_and_instruction_sets() -> None:
 @pytest.mark.parametrize("crop", [(0, 0, 5, 3), (15, 14, 3, 4), (30, 20, 7, 7), (17, 3, 1, 1)])
 def test_a_part_is_the_same_part(crop: tuple[int, int, int, int]) -> None:
     x, y, width, height = crop
-    part = picture(crop=crop)
-    np.testing.assert_array_equal(part, picture()[y : y + height, x : x + width])
+    for spp in (4, 19):  # groups change every sixteen samples
+        part = picture(crop=crop, spp=spp)
+        np.testing.assert_array_equal(part, picture(spp=spp)[y : y + height, x : x + width])
 
 
 def test_samples_may_differ_from_pixel_to_pixel() -> None:
-    counts = np.random.default_rng(1).integers(1, 6, (SIZE["height"], SIZE["width"]))
+    spps = [1, 2, 5, 16, 19, 33]
+    counts = np.random.default_rng(1).choice(spps, (SIZE["height"], SIZE["width"]))
     counted = ph.render(room(True), counts=counts, reuse_paths=True, seed=5, **SIZE).numpy()
-    for spp in range(1, 6):
+    for spp in spps:
         np.testing.assert_array_equal(counted[counts == spp], picture(spp=spp)[counts == spp])
 
 
 def test_going_on_and_shards(tmp_path: Any) -> None:
     file = tmp_path / "a.checkpoint"
     picture(spp=3, checkpoint=file)
-    np.testing.assert_array_equal(picture(spp=8, checkpoint=file, resume=True), picture(spp=8))
+    np.testing.assert_array_equal(picture(spp=35, checkpoint=file, resume=True), picture(spp=35))
     with pytest.raises(ph.SceneError, match="reuse_paths"):
-        picture(spp=9, checkpoint=file, resume=True, reuse_paths=False)
+        picture(spp=36, checkpoint=file, resume=True, reuse_paths=False)
     parts = [tmp_path / f"{k}.checkpoint" for k in (1, 2, 3)]
     for k, part in enumerate(parts):
         picture(shard=(k + 1, 3), checkpoint=part)

@@ -69,6 +69,7 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
     const MappedNormal mapped =
         mapped_normal(scene, *v.record[k], v.surface(k, p.slot[k]), p.width[k], v.mapped[k]);
     n.set(k, mapped.normal);
+    v.shading.set(k, mapped.normal);
     along[k] = mapped.along;
     turned |= 1u << k;
   });

@@ -5,8 +5,10 @@
 // can be seen from the first surfaces of the others, too, where nothing lies in between. By the
 // balance heuristic each of them gets its share: its own density of going there over the sum of all
 // that could. Both surfaces have to follow Lambert's law, whose light is the same towards
-// everywhere; other paths keep what they have found. Whether a second surface is shared depends on
-// itself alone, and from which first ones on these alone, so the mean is as without.
+// everywhere; other paths keep what they have found. Who shares what depends on the two surfaces
+// alone, never on which way a path went on from the first or what it found beyond the second, or
+// means would differ. (But for the width at which a texture of the second is seen, that of the path
+// which was there.)
 #pragma once
 #include "kinds.h"
 
@@ -26,9 +28,10 @@ struct PathGroup {
   Rows<Vec3, kReused> start, side, facing, share;
   Slot self[kReused];
   bool inward[kReused];
-  // Second surfaces, bits in `joins`, and what their paths had gathered before.
+  // Second surfaces, bits in `joins`, both of their normals on the side that was met, and what
+  // their paths had gathered before.
   u32 joins;
-  Rows<Vec3, kReused> end, end_side, before;
+  Rows<Vec3, kReused> end, end_side, end_facing, before;
   Slot end_slot[kReused];
   // What paths have gathered since their second surface, or altogether where it is not shared.
   Rows<Vec3, kReused> gathered;
@@ -53,25 +56,28 @@ PH_INLINE u32 lambertian(const Kinds& kinds) {
 inline void join_groups(Wave& wave, const Vertices& v, u32 matte) {
   Paths& p = wave.paths;
   for_each_bit(wave.alive, [&](u32 k) {
-    if (p.depth[k] != 2) return;
+    // Shadow rays to a point pass the primitive that it lies on.
+    if (p.depth[k] != 2 || may_hide_itself(leaf_kind(p.slot[k].leaf))) return;
     PathGroup& g = group_of(wave, k);
     const u32 i = p.tag[k] % kReused;
     if ((matte & 1u << k) == 0 || (g.starts & 1u << i) == 0 || (g.joins & 1u << i) != 0) return;
+    const float side = v.front[k] != 0 ? 1.0f : -1.0f;
     g.joins |= 1u << i;
     g.end.set(i, v.point.at(k));
-    g.end_side.set(i, v.normal.at(k) * (v.front[k] != 0 ? 1.0f : -1.0f));
+    g.end_side.set(i, v.normal.at(k) * side);
+    g.end_facing.set(i, v.shading.at(k) * side);
     g.end_slot[i] = p.slot[k];
     g.before.set(i, p.sum.at(k));
     p.sum.set(k, Vec3{0, 0, 0});
   });
 }
 
-// Notes first surfaces, which have scattered.
-inline void start_groups(const Wave& wave, const Vertices& v, u32 lanes) {
+// Notes the first surfaces of paths, `matte` of them Lambert's, before paths go on from there.
+inline void start_groups(const Wave& wave, const Vertices& v, u32 matte) {
   const Paths& p = wave.paths;
-  for_each_bit(lanes, [&](u32 k) {
-    const Vec3 share = p.throughput.at(k);
-    if (p.channel[k] != kNone || p.media[k].count != 0) return;
+  for_each_bit(matte, [&](u32 k) {
+    if (p.depth[k] != 1 || p.media[k].count != 0) return;
+    const Vec3 share = p.throughput.at(k) * v.plain.at<PlainDiffuse>(k).color;
     if (!(min(share.x, min(share.y, share.z)) >= kLeastShare)) return;
     PathGroup& g = group_of(wave, k);
     const u32 i = p.tag[k] % kReused;
@@ -95,15 +101,17 @@ struct Ways {
 };
 
 PH_APART inline void find_ways(const PathGroup& __restrict g, u32 j, Ways& __restrict ways) {
-  const Vec3 end = g.end.at(j), end_side = g.end_side.at(j);
+  const Vec3 end = g.end.at(j), end_side = g.end_side.at(j), end_facing = g.end_facing.at(j);
   for (u32 i = 0; i < kReused; ++i) {
     const Vec3 way = end - g.start.at(i);
     const float square = dot(way, way), distance = sqrt(square);
     const Vec3 direction = renormalize(way * (1.0f / distance));
     const float leaves = dot(direction, g.facing.at(i)), arrives = -dot(direction, end_side);
     const float density = leaves * arrives / square;
-    const bool can = (leaves > 0.0f) & (arrives > 0.0f) & (dot(direction, g.side.at(i)) > 0.0f) &
-                     (density < kInfinity);
+    // Where the second surface's normal would be bent it sends another light.
+    const bool same = stays_unbent(end_facing, end_side, -direction);
+    const bool can = same & (leaves > 0.0f) & (arrives > 0.0f) &
+                     (dot(direction, g.side.at(i)) > 0.0f) & (density < kInfinity);
     ways.direction.set(i, direction);
     ways.distance[i] = distance;
     ways.density[i] = can ? density : 0.0f;
@@ -136,8 +144,10 @@ inline void share_out(const SceneView& scene, const RenderView& view, const Path
       sum += ways.density[i];
     });
     const Vec3 light = {gathered.x / own.x, gathered.y / own.y, gathered.z / own.z};
-    for_each_bit(seen,
-                 [&](u32 i) { radiance[i] += g.share.at(i) * light * (ways.density[i] / sum); });
+    for_each_bit(seen, [&](u32 i) {
+      radiance[i] +=
+          bounded(g.share.at(i) * light * (ways.density[i] / sum), 2, view.clamp_indirect);
+    });
   });
 }
 

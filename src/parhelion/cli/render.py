@@ -87,7 +87,7 @@ def add_picture(p: argparse.ArgumentParser) -> None:
     )
     picture.add_argument(
         "--reuse-paths",
-        action="store_true",
+        action=argparse.BooleanOptionalAction,
         default=None,
         help="matte surfaces use the light that paths of pixels close by have found: much less"
         " noise in rooms and halls, for more time a sample",

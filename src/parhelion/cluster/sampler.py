@@ -329,11 +329,15 @@ def _tiles(film: Any, workers: int) -> list[_Tile]:
     edge = EDGE
     while edge > _LEAST_EDGE and (film.width * film.height) / edge**2 < TILES * workers:
         edge //= 2
-    return [
-        _Tile(x, y, min(edge, film.width - x), min(edge, film.height - y))
-        for y in range(0, film.height, edge)
-        for x in range(0, film.width, edge)
+    # as they lie in the whole picture, whose pixels may share paths (reuse_paths)
+    sides = [
+        [
+            (max(0, at), min(at + edge, size) - max(0, at))
+            for at in range(-(first % edge), size, edge)
+        ]
+        for first, size in ((film.x, film.width), (film.y, film.height))
     ]
+    return [_Tile(x, y, width, height) for y, height in sides[1] for x, width in sides[0]]
 
 
 def _shortened(counts: NDArray[np.uint32]) -> Any:
