@@ -42,10 +42,28 @@ struct BsdfDraws {
 
 // Whether the first of two lobes scatters, with such chances of either, whose sum is 1. What is
 // left of the number goes to the direction: so those of either lobe are as even as all of them.
+PH_INLINE float left_of_first(float chance, float u) { return min(u / chance, 0x1.fffffep-1f); }
+PH_INLINE float left_of_other(float chance, float other, float u) {
+  return min((u - chance) / other, 0x1.fffffep-1f);
+}
 PH_INLINE bool first_lobe(float chance, float other, Vec2& u) {
   const bool first = u.x < chance;
-  u.x = min((first ? u.x : u.x - chance) / (first ? chance : other), 0x1.fffffep-1f);
+  u.x = first ? left_of_first(chance, u.x) : left_of_other(chance, other, u.x);
   return first;
+}
+
+// Of materials with two lobes: the chances of either, and which one scatters, with what is left of
+// the number.
+struct LobeChances {
+  float first, other;
+};
+struct PickedLobe {
+  bool first;
+  Vec2 number;
+};
+PH_INLINE PickedLobe pick(LobeChances chances, Vec2 u) {
+  const bool first = first_lobe(chances.first, chances.other, u);
+  return {first, u};
 }
 
 struct BsdfSample {
@@ -87,7 +105,7 @@ PH_INLINE bool sample(const Material& m, Vec3 wo, const BsdfDraws& u, BsdfSample
 template <class... Form>
 struct PlainForms {};
 
-inline constexpr u32 kMostPlainForms = 2;
+inline constexpr u32 kMostPlainForms = 3;
 
 // Calls f.operator()<Form>(number) for each form in which a type of materials may be plain.
 template <class... Form, class F>

@@ -13,11 +13,15 @@
 
 namespace parhelion::PH_ISA {
 
+template <Facets kDistribution>
+struct RoughPlastic;
+
 struct Plastic {
   Vec3 color, specular;
   float ior, roughness, distribution, nonlinear, compensation;
 
-  using Plain = PlainForms<struct SmoothPlastic>;
+  using Plain =
+      PlainForms<struct SmoothPlastic, RoughPlastic<Facets::ggx>, RoughPlastic<Facets::beckmann>>;
   static constexpr const char* doc = "matte base under a clear coat, smooth or rough";
   static constexpr ParamInfo params[] = {
       {"color", 3, {0.5f, 0.5f, 0.5f}, 0.0f, 1.0f, "share that the base reflects"},
@@ -38,9 +42,10 @@ struct Plastic {
 
 PH_INLINE bool is_delta(const Plastic&) { return false; }
 
-PH_INLINE Coat coat(const Plastic& m) {
-  return make_coat(microfacets(m.roughness, 0.0f, m.distribution), m.ior);
+PH_INLINE Microfacets facets(const Plastic& m) {
+  return microfacets(m.roughness, 0.0f, m.distribution);
 }
+inline Coat coat(const Plastic& m) { return make_coat(facets(m), m.ior); }
 
 // What the coat lets in of the light from w, on either side.
 inline float let_in(const Plastic& m, const Coat& c, Vec3 w) {
@@ -77,9 +82,7 @@ struct SmoothPlastic {
   Vec3 color, specular;
   float ior, nonlinear, inside;
 
-  PH_INLINE static bool fits(const Plastic& m) {
-    return smooth(microfacets(m.roughness, 0.0f, m.distribution));
-  }
+  PH_INLINE static bool fits(const Plastic& m) { return smooth(facets(m)); }
   PH_INLINE static SmoothPlastic of(const Plastic& m) {
     return {m.color, m.specular, m.ior, m.nonlinear, thrown_back(m, coat(m))};
   }
@@ -98,17 +101,103 @@ PH_INLINE PlasticValue evaluate(const SmoothPlastic& m, Vec3 wo, Vec3 wi) {
           (1.0f - coat_chance(m.color, m.specular, from)) * cosine};
 }
 
-PH_INLINE bool sample(const SmoothPlastic& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
-  const float share = reflected(m, wo), chance = coat_chance(m.color, m.specular, 1.0f - share);
-  Vec2 number = u.direction;
-  const bool delta = first_lobe(chance, 1.0f - chance, number);
-  const Vec3 above = {wo.x, wo.y, abs(wo.z)}, matte = cosine_hemisphere(number);
+PH_INLINE LobeChances lobes(const SmoothPlastic& m, Vec3 wo) {
+  const float coat = coat_chance(m.color, m.specular, 1.0f - reflected(m, wo));
+  return {coat, 1.0f - coat};
+}
+
+PH_INLINE bool sample(const SmoothPlastic& m, Vec3 wo, const PickedLobe& lobe, BsdfSample& out) {
+  const float share = reflected(m, wo), chance = lobes(m, wo).first;
+  const bool delta = lobe.first;
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)}, matte = cosine_hemisphere(lobe.number);
   const PlasticValue v = evaluate(m, above, matte);
   out.wi = select(delta, Vec3{-wo.x, -wo.y, wo.z}, Vec3{matte.x, matte.y, copysign(matte.z, wo.z)});
   out.weight = select(delta, m.specular * (share / chance), v.value * (1.0f / v.pdf));
   out.pdf = delta ? 0.0f : v.pdf;
   out.delta = delta;
   return delta | ((matte.z > 0.0f) & (v.pdf > 0.0f));
+}
+PH_INLINE bool sample(const SmoothPlastic& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+  return sample(m, wo, pick(lobes(m, wo), u.direction), out);
+}
+
+// Under a rough coat, on either side, of whose light it lets in `through` from both directions.
+template <class Material>
+PH_INLINE PlasticValue rough_value(const Material& m, const Microfacets& d, float inside,
+                                   float chance, float through, Vec3 wo, Vec3 wi) {
+  const float same_side = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
+  wo.z = abs(wo.z);
+  wi.z = abs(wi.z);
+  const float cosine = cosine_hemisphere_pdf(wi) * same_side;
+  const Reflection f = reflection(d, wo, wi, false);
+  const float share = fresnel_dielectric(min(f.facing, 1.0f), m.ior).reflected;
+  return {base_value(m.color, m.ior, m.nonlinear, inside, through, cosine) +
+              m.specular * (share * f.value * same_side),
+          (1.0f - chance) * cosine + chance * (f.pdf * same_side)};
+}
+
+template <Facets kDistribution>
+struct RoughPlastic {
+  Vec3 color, specular;
+  float ior, roughness, nonlinear, compensation;
+
+  struct From {
+    float let_in, inside;
+  };
+  struct To {
+    float let_in;
+  };
+
+  PH_INLINE static bool fits(const Plastic& m) {
+    const Microfacets d = facets(m);
+    return d.distribution == kDistribution && !smooth(d);
+  }
+  PH_INLINE static RoughPlastic of(const Plastic& m) {
+    return {m.color, m.specular, m.ior, m.roughness, m.nonlinear, m.compensation};
+  }
+  PH_INLINE Plastic whole() const {
+    const float distribution = static_cast<float>(kDistribution);
+    return {color, specular, ior, roughness, distribution, nonlinear, compensation};
+  }
+};
+
+template <Facets kDistribution>
+inline auto from(const RoughPlastic<kDistribution>& m, Vec3 wo) {
+  const Plastic whole = m.whole();
+  const Coat c = coat(whole);
+  return typename RoughPlastic<kDistribution>::From{let_in(whole, c, wo), thrown_back(whole, c)};
+}
+template <Facets kDistribution>
+inline auto to(const RoughPlastic<kDistribution>& m, Vec3 wi) {
+  const Plastic whole = m.whole();
+  return typename RoughPlastic<kDistribution>::To{let_in(whole, coat(whole), wi)};
+}
+
+template <Facets kDistribution>
+PH_INLINE LobeChances lobes(const RoughPlastic<kDistribution>& m,
+                            const typename RoughPlastic<kDistribution>::From& seen) {
+  const float coat = coat_chance(m.color, m.specular, seen.let_in);
+  return {coat, 1.0f - coat};
+}
+
+template <Facets kDistribution>
+PH_INLINE BsdfValue evaluate(const RoughPlastic<kDistribution>& m,
+                             const typename RoughPlastic<kDistribution>::From& seen,
+                             const typename RoughPlastic<kDistribution>::To& to, Vec3 wo, Vec3 wi) {
+  const PlasticValue v = rough_value(m, facets(m.whole()), seen.inside, lobes(m, seen).first,
+                                     seen.let_in * to.let_in, wo, wi);
+  return {v.value, v.pdf};
+}
+
+template <Facets kDistribution>
+PH_INLINE bool choose(const RoughPlastic<kDistribution>& m, const PickedLobe& lobe, Vec3 wo,
+                      Vec3& wi) {
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
+  const Vec3 mirror = mirrored(above, sample_visible_normal(facets(m.whole()), above, lobe.number));
+  wi = select(lobe.first, mirror, cosine_hemisphere(lobe.number));
+  const bool found = wi.z > 0.0f;
+  wi.z = copysign(wi.z, wo.z);
+  return found;
 }
 
 // Plastic as seen from wo, on either side: what does not depend on wi.
@@ -131,17 +220,8 @@ PH_INLINE SmoothPlastic smooth_plastic(const Plastic& m, const SeenPlastic& seen
 
 inline PlasticValue evaluate(const Plastic& m, const SeenPlastic& seen, Vec3 wo, Vec3 wi) {
   if (seen.coat.smooth) return evaluate(smooth_plastic(m, seen), wo, wi);
-  if (!(wo.z * wi.z > 0.0f)) return {{0, 0, 0}, 0.0f};
-  wo.z = abs(wo.z);
-  wi.z = abs(wi.z);
-  const Coat& c = seen.coat;
-  const float through = seen.let_in * let_in(m, c, wi);
-  const float cosine = cosine_hemisphere_pdf(wi);
-  const Reflection f = reflection(c.facets, wo, wi, false);
-  const float share = fresnel_dielectric(min(f.facing, 1.0f), m.ior).reflected;
-  return {base_value(m.color, m.ior, m.nonlinear, seen.inside, through, cosine) +
-              m.specular * (share * f.value),
-          (1.0f - seen.chance) * cosine + seen.chance * f.pdf};
+  return rough_value(m, seen.coat.facets, seen.inside, seen.chance,
+                     seen.let_in * let_in(m, seen.coat, wi), wo, wi);
 }
 
 inline Vec3 eval(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }

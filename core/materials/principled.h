@@ -222,13 +222,13 @@ PH_INLINE Base base(const PlainPrincipled& m, const PlainPrincipled::From& seen)
   return make_base(m.color, m.specular_color, m.metallic, 1.0f - m.metallic, seen.gloss_share, 1.0f,
                    {0, 0, 0}, {0, 0, 0});
 }
-// Of sampling either part
-struct BaseChances {
-  float mirror, matte;
-};
-PH_INLINE BaseChances chances(const Base& b) {
+// Of mirrors and of the matte part
+PH_INLINE LobeChances lobes(const Base& b) {
   const float sum = b.mirror_share + b.matte_share;
   return {sum > 0.0f ? b.mirror_share / sum : 1.0f, sum > 0.0f ? b.matte_share / sum : 0.0f};
+}
+PH_INLINE LobeChances lobes(const PlainPrincipled& m, const PlainPrincipled::From& seen) {
+  return lobes(base(m, seen));
 }
 
 inline PlainPrincipled::To to(const PlainPrincipled& m, Vec3 wi) {
@@ -244,21 +244,17 @@ PH_INLINE BsdfValue evaluate(const PlainPrincipled& m, const PlainPrincipled::Fr
   wo.z = abs(wo.z);
   wi.z = abs(wi.z);
   const Base b = base(m, seen);
-  const BaseChances chance = chances(b);
+  const LobeChances chance = lobes(b);
   PrincipledValue v = {{0, 0, 0}, 0.0f};
-  add_base(b, facets(m), m.ior, m.color, {m.color, 0.0f}, seen.gain * to.gain, chance.mirror,
-           chance.matte, wo, wi, v);
+  add_base(b, facets(m), m.ior, m.color, {m.color, 0.0f}, seen.gain * to.gain, chance.first,
+           chance.other, wo, wi, v);
   return {v.value * above, v.pdf * above};
 }
 
-PH_INLINE bool choose(const PlainPrincipled& m, const PlainPrincipled::From& seen, Vec3 wo,
-                      const BsdfDraws& u, Vec3& wi) {
+PH_INLINE bool choose(const PlainPrincipled& m, const PickedLobe& lobe, Vec3 wo, Vec3& wi) {
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  Vec2 number = u.direction;
-  const BaseChances chance = chances(base(m, seen));
-  const bool mirrors = first_lobe(chance.mirror, chance.matte, number);
-  const Vec3 mirror = mirrored(above, sample_visible_normal(facets(m), above, number));
-  wi = select(mirrors, mirror, cosine_hemisphere(number));
+  const Vec3 mirror = mirrored(above, sample_visible_normal(facets(m), above, lobe.number));
+  wi = select(lobe.first, mirror, cosine_hemisphere(lobe.number));
   const bool found = wi.z > 0.0f;
   wi.z = copysign(wi.z, wo.z);
   return found;

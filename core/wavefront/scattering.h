@@ -20,13 +20,48 @@ struct Sampled {
   }
 };
 
+// Which lobes scatter of forms that have two.
+struct PickedLobes {
+  u32 first[kBatch];
+  float number[2][kBatch];
+
+  PH_INLINE PickedLobe at(u32 k) const { return {first[k] != 0, {number[0][k], number[1][k]}}; }
+};
+
 template <class Form>
-PH_APART inline void choose_plain(const Vertices& __restrict v, const BounceDraws& __restrict draws,
-                                  Sampled& __restrict all) {
+concept HasTwoLobes = NeedsTables<Form> || requires(const Form& m, Vec3 wo) { lobes(m, wo); };
+
+// In loops of their own: compilers would make branches of it in those that use what was picked.
+template <class Form>
+PH_APART inline void pick_lobes(const Vertices& __restrict v, const BounceDraws& __restrict draws,
+                                PickedLobes& __restrict picked) {
+  float first[kBatch], if_first[kBatch], if_other[kBatch];
+  for (u32 k = 0; k < kBatch; ++k) {
+    LobeChances chances;
+    if constexpr (NeedsTables<Form>) {
+      chances = lobes(v.plain.at<Form>(k), v.from.at<typename Form::From>(k));
+    } else {
+      chances = lobes(v.plain.at<Form>(k), v.local_wo.at(k));
+    }
+    const float u = draws.direction[0][k];
+    first[k] = chances.first;
+    if_first[k] = left_of_first(chances.first, u);
+    if_other[k] = left_of_other(chances.first, chances.other, u);
+    picked.number[1][k] = draws.direction[1][k];
+  }
+  for (u32 k = 0; k < kBatch; ++k) {
+    const bool is = draws.direction[0][k] < first[k];
+    picked.first[k] = is ? 1u : 0u;
+    picked.number[0][k] = is ? if_first[k] : if_other[k];
+  }
+}
+
+template <class Form>
+PH_APART inline void choose_plain(const Vertices& __restrict v,
+                                  const PickedLobes& __restrict picked, Sampled& __restrict all) {
   for (u32 k = 0; k < kBatch; ++k) {
     Vec3 wi;
-    const bool there = choose(v.plain.at<Form>(k), v.from.at<typename Form::From>(k),
-                              v.local_wo.at(k), draws.bsdf(k), wi);
+    const bool there = choose(v.plain.at<Form>(k), picked.at(k), v.local_wo.at(k), wi);
     all.wi.set(k, wi);
     all.is[k] = there ? 1u : 0u;
   }
@@ -53,6 +88,16 @@ PH_APART inline void sample_plain(const Vertices& __restrict v, const BounceDraw
     const auto material = v.plain.at<Form>(k).whole();
     BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
     const bool there = sample(material, v.local_wo.at(k), draws.bsdf(k), s);
+    all.set(k, s, there);
+  }
+}
+
+template <class Form>
+PH_APART inline void sample_picked(const Vertices& __restrict v,
+                                   const PickedLobes& __restrict picked, Sampled& __restrict all) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
+    const bool there = sample(v.plain.at<Form>(k), v.local_wo.at(k), picked.at(k), s);
     all.set(k, s, there);
   }
 }
@@ -124,11 +169,15 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
         kinds, own,
         [&]<class Form>(u32 plain, const auto& these) {
           Sampled all;
+          PickedLobes picked;
+          if constexpr (HasTwoLobes<Form>) pick_lobes<Form>(v, draws, picked);
           if constexpr (NeedsTables<Form>) {
             Rows<TableBlock, kBatch> tables = {};
-            choose_plain<Form>(v, draws, all);
+            choose_plain<Form>(v, picked, all);
             look_up<Form>(plain, v, all.wi, tables);
             weigh_plain<Form>(v, tables, all);
+          } else if constexpr (HasTwoLobes<Form>) {
+            sample_picked<Form>(v, picked, all);
           } else {
             sample_plain<Form>(v, draws, all);
           }

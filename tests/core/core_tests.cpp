@@ -19,6 +19,7 @@
 #include "../../host/errors.h"
 #include "../../host/kernels.h"
 #include "../../host/render.h"
+#include "../../host/samples.h"
 #include "../../host/scene.h"
 #include "../../host/view.h"
 #include "check.h"
@@ -380,7 +381,7 @@ bool sample_plainly(const Form& form, Vec3 wo, const baseline::BsdfDraws& u,
                     baseline::BsdfSample& out) {
   if constexpr (baseline::NeedsTables<Form>) {
     Vec3 wi;
-    return choose(form, from(form, wo), wo, u, wi) &&
+    return choose(form, pick(lobes(form, from(form, wo)), u.direction), wo, wi) &&
            weigh_sample(form, from(form, wo), to(form, wi), wo, wi, out);
   } else {
     return sample(form.whole(), wo, u, out);
@@ -466,13 +467,17 @@ void plain_materials_are_the_whole() {
   Principled velvet = principled(0.5f, 0.5f, 1.5f, 1);
   velvet.sheen_color.y = 0.1f;
   CHECK(!PlainPrincipled::fits(velvet));
-  const auto plastic = [](float ior, float roughness, float nonlinear, float compensation) {
-    return block(MaterialKind::plastic,
-                 {0.8f, 0.0f, 0.3f, 1, 0.9f, 0.7f, ior, roughness, 0, nonlinear, compensation});
+  const auto plastic = [](float ior, float roughness, float nonlinear, float compensation,
+                          float distribution = 0) {
+    return block(MaterialKind::plastic, {0.8f, 0.0f, 0.3f, 1, 0.9f, 0.7f, ior, roughness,
+                                         distribution, nonlinear, compensation});
   };
   plain_is_the_whole<Plastic, SmoothPlastic>(
       {plastic(1.49f, 0, 0, 0), plastic(2.5f, 0.01f, 1, 1), plastic(1.0f, 0, 0, 1)});
-  CHECK(!SmoothPlastic::fits(from_block<Plastic>(plastic(1.49f, 0.1f, 0, 0))));
+  plain_is_the_whole<Plastic, RoughPlastic<Facets::ggx>>(
+      {plastic(1.49f, 0.3f, 0, 0), plastic(2.5f, 0.0101f, 1, 1), plastic(1.0f, 1, 0, 1)});
+  plain_is_the_whole<Plastic, RoughPlastic<Facets::beckmann>>(
+      {plastic(1.49f, 0.3f, 0, 0, 1), plastic(2.5f, 0.0101f, 1, 1, 1), plastic(1.0f, 1, 0, 1, 1)});
   // By hand: straight down an index of 1.5 reflects 0.04, and its inside throws back 1 - (1 -
   // 0.0917765) / 2.25 = 0.596345 of diffuse light.
   const BsdfValue down = value_of(SmoothPlastic::of(from_block<Plastic>(plastic(1.5f, 0, 0, 0))),
@@ -820,6 +825,19 @@ void mistakes_are_named() {
         std::string::npos);
 }
 
+// Rows decide for each other how many samples they get, so none shares with the other ones.
+void groups_are_of_even_rows_or_of_odd_ones() {
+  for (u64 key = 0; key < 200; ++key) {
+    std::vector<u32> met(kRegionPixels);
+    for (u32 parity : {0u, 1u}) {
+      for (u32 i = 0; i < kRegionPixels / 2; ++i) {
+        const u32 pixel = baseline::pixel_in_region(baseline::mix(key), parity, i);
+        CHECK(pixel < kRegionPixels && pixel / kRegion % 2 == parity && met[pixel]++ == 0);
+      }
+    }
+  }
+}
+
 void probes_run() {
   const Cloud cloud(100);
   const Scene scene(input_of({cloud.group()}, Cloud::materials()));
@@ -849,6 +867,7 @@ void probes_run() {
 int main() {
   pictures_do_not_depend_on_how_they_are_made(false);
   pictures_do_not_depend_on_how_they_are_made(true);
+  groups_are_of_even_rows_or_of_odd_ones();
   batches_are_their_samples();
   samples_that_are_not_finite_are_counted_and_left_out();
   rays_meet_the_same_through_the_tree_and_without();
