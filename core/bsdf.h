@@ -124,10 +124,6 @@ PH_INLINE void for_each_plain_form(F&& f) {
 template <class Form>
 concept NeedsTables = requires { typename Form::From; };
 
-// Of those that follow Lambert's law: they reflect light evenly, on the side that it comes from.
-template <class Form>
-concept Lambertian = requires { Form::lambertian; };
-
 // A sample of a form that needs tables, once its direction has been chosen.
 template <NeedsTables Form>
 PH_INLINE bool weigh_sample(const Form& m, const typename Form::From& seen,

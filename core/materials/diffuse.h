@@ -27,8 +27,6 @@ struct Diffuse {
 struct PlainDiffuse {
   Vec3 color;
 
-  static constexpr bool lambertian = true;
-
   PH_INLINE static bool fits(const Diffuse& m) { return m.roughness == 0.0f; }
   PH_INLINE static PlainDiffuse of(const Diffuse& m) { return {m.color}; }
   PH_INLINE Diffuse whole() const { return {color, 0.0f}; }

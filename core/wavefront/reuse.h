@@ -41,15 +41,9 @@ PH_INLINE PathGroup& group_of(const Wave& wave, u32 k) {
   return wave.groups[wave.paths.tag[k] / kReused];
 }
 
-// Which of the paths meet surfaces that follow Lambert's law.
+// Which of the paths meet surfaces that follow Lambert's law: PlainDiffuse, the one plain form.
 PH_INLINE u32 lambertian(const Kinds& kinds) {
-  u32 lanes = 0;
-  for_each_kind(kinds, [&]<class Material>(u32 own) {
-    for_each_plain_form<Material>([&]<class Form>(u32 number) {
-      if constexpr (Lambertian<Form>) lanes |= own & kinds.plain[number];
-    });
-  });
-  return lanes;
+  return kinds.lanes[static_cast<u32>(MaterialKind::diffuse)] & kinds.plain[0];
 }
 
 // Notes the second surfaces of paths, `matte` of them Lambert's, before light is added there.
