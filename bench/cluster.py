@@ -144,7 +144,7 @@ class _Film:
     """What sampler._tiles() asks of a film."""
 
     def __init__(self, width: int, height: int) -> None:
-        self.width, self.height = width, height
+        self.x, self.y, self.width, self.height = 0, 0, width, height
 
 
 @contextmanager
