@@ -10,6 +10,7 @@ import pytest
 
 import parhelion as ph
 from floor_tools import box
+from parhelion import _core
 from statistics_tools import SIGNIFICANCE, mean_p
 
 SIZE = {"width": 37, "height": 27}
@@ -175,7 +176,7 @@ def test_threads_tiles_and_instruction_sets() -> None:
     same = picture()
     for settings in ({"threads": 1}, {"threads": 3, "tile": 5, "schedule": "static"}):
         np.testing.assert_array_equal(picture(**settings), same)
-    for isa in ph._core.instruction_sets():
+    for isa in _core.instruction_sets():
         np.testing.assert_array_equal(picture(isa=isa), same)
     np.testing.assert_array_equal(picture(tree="none"), same)
 

@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import parhelion as ph
-from parhelion import checkpoint, cli, shards
+from parhelion import _core, checkpoint, cli, shards
 from parhelion.layers import PictureFile
 from parhelion.renderer import prepare
 from picture_tools import assert_same, read_picture
@@ -56,14 +56,14 @@ def three(scene: Any, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 def test_each_block_is_in_one_shard(
     width: int, height: int, reuse_paths: bool, data: st.DataObject
 ) -> None:
-    edge = ph._core.region if reuse_paths else ph._core.block
+    edge = _core.region if reuse_paths else _core.block
     squares = -(-width // edge) * -(-height // edge)
     count = data.draw(st.integers(1, squares))
     own = [shards.blocks_of((i, count), width, height, reuse_paths) for i in range(1, count + 1)]
     np.testing.assert_array_equal(np.sum(own, axis=0), 1)
     assert own[0].size == shards.block_count(width, height)
     # those whose pixels share paths stay together
-    per = edge // ph._core.block
+    per = edge // _core.block
     sizes = [int(blocks[::per, ::per].sum()) for blocks in own]
     assert max(sizes) - min(sizes) <= 1
     for blocks in own:
