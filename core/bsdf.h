@@ -40,12 +40,13 @@ struct BsdfDraws {
   float lobe;      // which one does, if the direction has to be known first
 };
 
-// Whether the first of two lobes scatters, with such chances of either, whose sum is 1. What is
-// left of the number goes to the direction: so those of either lobe are as even as all of them.
+// What is left of a number that chose a lobe, below 1: it goes to the direction, so those of either
+// lobe are as even as all of them.
 PH_INLINE float left_of_first(float chance, float u) { return min(u / chance, 0x1.fffffep-1f); }
 PH_INLINE float left_of_other(float chance, float other, float u) {
   return min((u - chance) / other, 0x1.fffffep-1f);
 }
+// Whether the first of two lobes scatters, with such chances of either, whose sum is 1.
 PH_INLINE bool first_lobe(float chance, float other, Vec2& u) {
   const bool first = u.x < chance;
   u.x = first ? left_of_first(chance, u.x) : left_of_other(chance, other, u.x);
