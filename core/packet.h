@@ -3,8 +3,7 @@
 // sixteen; and its primitives by each that meets that box. What is found is what each ray finds by
 // itself.
 #pragma once
-#include "rows.h"
-#include "traverse.h"
+#include "ray_batch.h"
 
 namespace parhelion::PH_ISA {
 
@@ -55,7 +54,8 @@ PH_INLINE u32 test_boxes_for_any(const Node& node, const RayBounds& rays, float 
 }
 
 struct Packet {
-  Rows<Vec3, kBatch> origin, inverse;
+  Rows<Vec3, kBatch> origin;
+  SlabRows slabs;
   Ray ray[kBatch];
   float limit[kBatch];  // 0 in lanes that take no part
   NearestHit best[kBatch];
@@ -67,7 +67,7 @@ PH_INLINE u32 test_box_for_each(const Node& node, u32 child, const Packet& rays,
   Lanes first = all(0.0f), last = load(rays.limit);
   for (u32 axis = 0; axis < 3; ++axis) {
     const float low = node.low[axis][child], high = node.high[axis][child];
-    const Lanes o = load(rays.origin.row[axis]), inverse = load(rays.inverse.row[axis]);
+    const Lanes o = load(rays.origin.row[axis]), inverse = load(rays.slabs.inverse.row[axis]);
     first = max((all(bounds.sign[axis] ? high : low) - o) * inverse, first);
     last = min((all(bounds.sign[axis] ? low : high) - o) * inverse, last);
   }
@@ -128,11 +128,8 @@ inline void intersect_close(const SceneView& scene, const Rows<Vec3, kBatch>& or
   }
   Packet rays;
   rays.origin = origin;
-  for (u32 k = 0; k < kBatch; ++k) {
-    const Vec3 d = direction.at(k);
-    rays.inverse.set(k, Vec3{1.0f / d.x, 1.0f / d.y, 1.0f / d.z});
-    rays.limit[k] = 0.0f;
-  }
+  find_slabs(direction, rays.slabs);
+  for (float& limit : rays.limit) limit = 0.0f;
   for_each_bit(lanes, [&](u32 k) {
     rays.ray[k] = {origin.at(k), direction.at(k), kNoSlot, false};
     rays.limit[k] = kInfinity;

@@ -154,30 +154,58 @@ PH_INLINE u32 test_boxes(const Node& node, const Slabs& ray, float limit, Lanes&
   return bits(near <= min(x1, min(y1, min(z1, all(limit)))));
 }
 
+// Puts the children of a node that a ray meets, a bit for each in `hits`, on the stack, but for the
+// next to visit. False if there is none.
+template <bool kAny>
+PH_INLINE bool descend(const Node& node, u32 hits, const Lanes& near, Stack& stack, Child& next) {
+  if constexpr (kAny) {
+    return stack.push(node, hits, next);
+  } else if ((hits & (hits - 1)) != 0) {
+    next = stack.push(node, near, hits);
+    return true;
+  } else if (hits != 0) {  // what is next need not wait for the stack
+    next = node.child[lowest_bit(hits)];
+    return true;
+  }
+  return false;
+}
+
+// From where a walk stands: at `next`, or, if there is none, at what the stack holds.
 template <bool kAny, bool kInside>
-inline bool walk_tree(const SceneView& scene, Child root, const Ray& ray, NearestHit& best) {
-  const Slabs slabs = slabs_of(ray);
-  Stack::Room room;
-  Stack stack(room);
-  for (Child child = root;;) {
-    if (child & kLeafBit) {
-      if (test_leaf<kAny, kInside>(scene, child, ray, best)) return true;
+PH_INLINE bool walk_on(const SceneView& scene, bool there, Child next, Stack& stack,
+                       const Slabs& slabs, const Ray& ray, NearestHit& best) {
+  for (;;) {
+    if (!there) {
+      if (kAny ? !stack.pop(next) : !stack.pop(next, best.hit.t * kSlabSlack)) return false;
+    }
+    if (next & kLeafBit) {
+      if (test_leaf<kAny, kInside>(scene, next, ray, best)) return true;
+      there = false;
     } else {
-      const Node& node = scene.nodes[child];
+      const Node& node = scene.nodes[next];
       Lanes near;
       const u32 hits = test_boxes(node, slabs, best.hit.t * kSlabSlack, near);
-      if constexpr (kAny) {
-        if (stack.push(node, hits, child)) continue;
-      } else if ((hits & (hits - 1)) != 0) {
-        child = stack.push(node, near, hits);
-        continue;
-      } else if (hits != 0) {  // what is next need not wait for the stack
-        child = node.child[lowest_bit(hits)];
-        continue;
-      }
+      there = descend<kAny>(node, hits, near, stack, next);
     }
-    if (kAny ? !stack.pop(child) : !stack.pop(child, best.hit.t * kSlabSlack)) return false;
   }
+}
+
+template <bool kAny, bool kInside>
+inline bool walk_tree(const SceneView& scene, Child root, const Ray& ray, NearestHit& best) {
+  Stack::Room room;
+  Stack stack(room);
+  return walk_on<kAny, kInside>(scene, true, root, stack, slabs_of(ray), ray, best);
+}
+
+// From a node's children on that the ray meets, with kAny wherever, else at near[i] for child i.
+template <bool kAny>
+inline bool walk_from(const SceneView& scene, const Node& node, u32 hits, const float* near,
+                      const Slabs& slabs, const Ray& ray, NearestHit& best) {
+  Stack::Room room;
+  Stack stack(room);
+  Child next = 0;
+  const bool there = descend<kAny>(node, hits, kAny ? all(0.0f) : load(near), stack, next);
+  return walk_on<kAny, false>(scene, there, next, stack, slabs, ray, best);
 }
 
 template <bool kAny>

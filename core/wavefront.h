@@ -51,13 +51,11 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
     u32 lit = ask(scene, asking, draws, v);
     const u32 asked = lit;
     if (lit != 0) lit = weigh(p, kinds, lit, v);
+    for_each_bit(asked, [&](u32 k) {
+      watch(Step::asks, wave, &v, k, Fate::scatters, (lit >> k & 1u) != 0);
+    });
+    if (lit != 0) receive(scene, view, kinds.transmitting, lit, p, v, stats);
     for_each_bit(scattering, [&](u32 k) {
-      if ((asked >> k & 1u) != 0) {
-        watch(Step::asks, wave, &v, k, Fate::scatters, (lit >> k & 1u) != 0);
-      }
-      if ((lit >> k & 1u) != 0) {
-        receive(scene, view, (kinds.transmitting >> k & 1u) != 0, k, p, v, stats);
-      }
       watch(Step::receives, wave, &v, k, Fate::scatters);
       if (p.depth[k] == 1) wave.note_direct(k);
     });

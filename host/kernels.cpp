@@ -86,14 +86,42 @@ Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, 
   return radiance(scene, view, x, y, sample, stats);
 }
 
+// What many rays meet before their limits, each by itself: calls found(i, hit, whether it is any).
+template <bool kAny, class Found>
+void trace_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
+               Found&& found) {
+  for (u64 first = 0; first < n; first += kBatch) {
+    const u32 count = n - first < kBatch ? static_cast<u32>(n - first) : kBatch;
+    const Ray* own = rays + first;
+    Rows<Vec3, kBatch> direction = {};
+    NearestHit best[kBatch];
+    for (u32 k = 0; k < count; ++k) {
+      direction.set(k, own[k].direction);
+      best[k] = {{limit[first + k], kNoSlot}, kNone, kNoSlot};
+    }
+    u32 any = 0;
+    if (tree) {
+      any =
+          walk_each<kAny>(scene, direction, (1u << count) - 1, [&](u32 k) { return own[k]; }, best);
+    } else {
+      for (u32 k = 0; k < count; ++k) {
+        any |= (walk_all<kAny>(scene, own_group(scene), own[k], best[k]) ? 1u : 0u) << k;
+      }
+    }
+    for (u32 k = 0; k < count; ++k) found(first + k, best[k].hit, (any >> k & 1u) != 0);
+  }
+}
+
 void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
                    Hit* hits) {
-  for (u64 i = 0; i < n; ++i) intersect(scene, rays[i], limit[i], tree, hits[i]);
+  trace_all<false>(scene, rays, limit, n, tree,
+                   [&](u64 i, const Hit& hit, bool) { hits[i] = hit; });
 }
 
 void occluded_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
                   u8* result) {
-  for (u64 i = 0; i < n; ++i) result[i] = occluded(scene, rays[i], limit[i], kNoSlot, tree);
+  trace_all<true>(scene, rays, limit, n, tree,
+                  [&](u64 i, const Hit&, bool any) { result[i] = any; });
 }
 
 Media bodies(const SceneView& scene, Vec3 point, Vec3 direction, bool tree) {

@@ -1,5 +1,6 @@
 // Light: which of them surfaces ask, how much of it they scatter, and whether it arrives.
 #pragma once
+#include "../ray_batch.h"
 #include "draws.h"
 
 namespace parhelion::PH_ISA {
@@ -177,26 +178,81 @@ inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v)
   return lit;
 }
 
-// Adds the light that arrives, through the body that it reaches the surface in.
-inline void receive(const SceneView& scene, const RenderView& view, bool transmits, u32 k, Paths& p,
-                    const Vertices& v, PathStats& stats) {
-  const Vec3 to_light = v.to_light.at(k), normal = v.normal.at(k);
-  const float distance = v.light_distance[k];
-  const bool behind = dot(to_light, normal) < 0.0f;
-  const Ray ray = {ray_origin(v.point.at(k), normal, v.error[k], behind), to_light, p.slot[k],
-                   behind != (v.inside_out[k] != 0)};
-  const Vec3 through = transmittance(scene, ray, distance, v.light_slot[k], view.tree, stats);
-  if (black(through)) return;
-  Vec3 sum = v.value.at(k) * through * v.scale[k];
-  const float wo_z = v.local_wo.at(k).z;
-  const bool crosses = transmits && v.local_wi.at(k).z * wo_z < 0.0f;
-  // A body that a ray leaves the scene from has no far side, for this ray as for the path's own.
-  if (finite(distance) && (p.media[k].count != 0 || crosses)) {
+// Rays from surfaces towards their lights.
+struct ShadowRays {
+  Rows<Vec3, kBatch> origin;
+  u32 inward[kBatch];
+
+  PH_INLINE Ray at(u32 k, const Paths& p, const Vertices& v) const {
+    return {origin.at(k), v.to_light.at(k), p.slot[k], inward[k] != 0};
+  }
+};
+
+PH_APART inline void find_shadow_rays(const Vertices& __restrict v, ShadowRays& __restrict rays) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Vec3 normal = v.normal.at(k);
+    const bool behind = dot(v.to_light.at(k), normal) < 0.0f;
+    rays.origin.set(k, ray_origin(v.point.at(k), normal, v.error[k], behind));
+    rays.inward[k] = (behind ? 1u : 0u) ^ v.inside_out[k];
+  }
+}
+
+// What arrives, before and after bodies take their part.
+PH_APART inline void find_received(const Rows<Vec3, kBatch>& __restrict through,
+                                   const Vertices& __restrict v,
+                                   Rows<Vec3, kBatch>& __restrict received) {
+  for (u32 k = 0; k < kBatch; ++k) received.set(k, v.value.at(k) * through.at(k) * v.scale[k]);
+}
+PH_APART inline void add_received(const u32 (&__restrict these)[kBatch], float most_indirect,
+                                  const Rows<Vec3, kBatch>& __restrict received,
+                                  Paths& __restrict p) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Vec3 before = p.sum.at(k), light = p.throughput.at(k) * received.at(k);
+    const Vec3 after = before + bounded(light, p.depth[k], most_indirect);
+    p.sum.set(k, select(these[k] != 0, after, before));
+  }
+}
+
+// Adds the light that arrives at some surfaces, through the bodies that it reaches them in.
+inline void receive(const SceneView& scene, const RenderView& view, u32 transmitting, u32 lanes,
+                    Paths& p, const Vertices& v, PathStats& stats) {
+  ShadowRays rays;
+  find_shadow_rays(v, rays);
+  Rows<Vec3, kBatch> through = {};
+  u32 arriving = 0;
+  if (view.tree && !scene.has_holes) {
+    NearestHit best[kBatch];
+    for_each_bit(lanes, [&](u32 k) {
+      ++stats.rays;
+      best[k] = {{v.light_distance[k], kNoSlot}, kNone, v.light_slot[k]};
+      through.set(k, Vec3{1, 1, 1});
+    });
+    arriving = lanes & ~walk_each<true>(
+                           scene, v.to_light, lanes, [&](u32 k) { return rays.at(k, p, v); }, best);
+  } else {
+    for_each_bit(lanes, [&](u32 k) {
+      through.set(k, transmittance(scene, rays.at(k, p, v), v.light_distance[k], v.light_slot[k],
+                                   view.tree, stats));
+      if (!black(through.at(k))) arriving |= 1u << k;
+    });
+  }
+  if (arriving == 0) return;
+  Rows<Vec3, kBatch> received;
+  find_received(through, v, received);
+  for_each_bit(arriving, [&](u32 k) {
+    const float wo_z = v.local_wo.at(k).z, distance = v.light_distance[k];
+    const bool crosses = (transmitting >> k & 1u) != 0 && v.local_wi.at(k).z * wo_z < 0.0f;
+    // A body that a ray leaves the scene from has no far side, for this ray as for the path's own.
+    if (!finite(distance) || (p.media[k].count == 0 && !crosses)) return;
     Media media = p.media[k];
     if (crosses) cross_boundary(scene, media, *v.record[k], wo_z > 0.0f);
-    absorb(scene, media, distance, sum);
-  }
-  add_scattered(view, p, k, p.throughput.at(k) * sum, p.depth[k]);
+    Vec3 left = received.at(k);
+    absorb(scene, media, distance, left);
+    received.set(k, left);
+  });
+  u32 these[kBatch];
+  spread(arriving, these);
+  add_received(these, view.clamp_indirect, received, p);
 }
 
 }  // namespace parhelion::PH_ISA

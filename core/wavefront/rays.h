@@ -1,6 +1,7 @@
 // Rays, from the camera on to what they meet.
 #pragma once
 #include "../packet.h"
+#include "../ray_batch.h"
 #include "backgrounds.h"
 #include "watch.h"
 
@@ -70,11 +71,15 @@ inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, bo
                   PathStats& stats, const Watch& watch = {}) {
   Paths& p = wave.paths;
   Hit hit[kBatch];
-  if (close && view.tree) {
+  if (!view.tree) {
+    for_each_bit(wave.alive, [&](u32 k) { intersect(scene, p.ray(k), kInfinity, false, hit[k]); });
+  } else if (close) {
     intersect_close(scene, p.origin, p.direction, wave.alive, hit);
   } else {
-    for_each_bit(wave.alive,
-                 [&](u32 k) { intersect(scene, p.ray(k), kInfinity, view.tree, hit[k]); });
+    NearestHit best[kBatch];
+    for_each_bit(wave.alive, [&](u32 k) { best[k] = {{kInfinity, kNoSlot}, kNone, kNoSlot}; });
+    walk_each<false>(scene, p.direction, wave.alive, [&](u32 k) { return p.ray(k); }, best);
+    for_each_bit(wave.alive, [&](u32 k) { hit[k] = best[k].hit; });
   }
   u32 left = 0;
   for_each_bit(wave.alive, [&](u32 k) {

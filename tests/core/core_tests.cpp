@@ -299,9 +299,10 @@ void rays_meet_the_same_through_the_tree_and_without() {
 }
 
 // As those of a camera do: some lanes of sixteen, from one point or many, at angles from none to
-// such that signs differ, along axes too.
-void rays_that_lie_close_meet_what_each_meets() {
+// such that signs differ, along axes too. And those that begin together and go their own ways.
+void rays_together_meet_what_each_meets() {
   using namespace baseline;
+  int behind = 0;
   for (size_t n : {1, 17, 300, 20000}) {
     const Cloud cloud(n);
     const Scene scene(input_of({cloud.group()}, Cloud::materials()));
@@ -324,16 +325,30 @@ void rays_that_lie_close_meet_what_each_meets() {
       intersect_close(scene.view(), origin, direction, lanes, hit);
       RayBounds bounds;
       bounded += bounds_of(origin, direction, lanes, bounds) ? 1 : 0;
+      const auto ray_at = [&](u32 k) { return Ray{origin.at(k), direction.at(k), kNoSlot, false}; };
+      NearestHit apart[kBatch], before[kBatch];
+      for (NearestHit& best : apart) best = {{kInfinity, kNoSlot}, kNone, kNoSlot};
+      walk_each<false>(scene.view(), direction, lanes, ray_at, apart);
+      // And whether anything but the nearest is met before that, or not much farther away.
+      for_each_bit(lanes, [&](u32 k) {
+        before[k] = {{hit[k].t * (k % 2 ? 1.5f : 1.0f), kNoSlot}, kNone, hit[k].slot};
+      });
+      const u32 hidden = walk_each<true>(scene.view(), direction, lanes, ray_at, before);
       for_each_bit(lanes, [&](u32 k) {
         Hit alone;
-        const Ray ray = {origin.at(k), direction.at(k), kNoSlot, false};
-        met += intersect(scene.view(), ray, kInfinity, true, alone) ? 1 : 0;
-        CHECK(hit[k].t == alone.t && hit[k].slot.leaf == alone.slot.leaf &&
-              hit[k].slot.lane == alone.slot.lane);
+        met += intersect(scene.view(), ray_at(k), kInfinity, true, alone) ? 1 : 0;
+        for (const Hit& one : {hit[k], apart[k].hit}) {
+          CHECK(one.t == alone.t && one.slot.leaf == alone.slot.leaf &&
+                one.slot.lane == alone.slot.lane);
+        }
+        const bool other = occluded(scene.view(), ray_at(k), before[k].hit.t, hit[k].slot, true);
+        CHECK((hidden >> k & 1u) == (other ? 1u : 0u));
+        behind += other ? 1 : 0;
       });
     }
     CHECK(bounded > 150 && bounded < 390 && met > 400);
   }
+  CHECK(behind > 400);
 }
 
 // Even numbers that have chosen a lobe are even ones for its directions, in [0, 1).
@@ -457,7 +472,7 @@ void plain_materials_are_the_whole() {
       {as_block(principled(0.0f, 0.5f, 1.5f, 1)), as_block(principled(1.0f, 0.2f, 1.5f, 1)),
        as_block(principled(0.4f, 0.0f, 1.3f, 0.5f)), as_block(principled(0.9f, 1.0f, 1.0f, 0)),
        as_block(principled(0.0f, 0.5f, 0.625f, 1)), as_block(principled(0.4f, 0.3f, 0.98f, 1))});
-  for (float Principled::* layer :
+  for (float Principled::*layer :
        {&Principled::transmission, &Principled::clearcoat, &Principled::iridescence,
         &Principled::anisotropy, &Principled::diffuse_roughness}) {
     Principled m = principled(0.5f, 0.5f, 1.5f, 1);
@@ -871,7 +886,7 @@ int main() {
   batches_are_their_samples();
   samples_that_are_not_finite_are_counted_and_left_out();
   rays_meet_the_same_through_the_tree_and_without();
-  rays_that_lie_close_meet_what_each_meets();
+  rays_together_meet_what_each_meets();
   lobes_share_even_numbers();
   plain_materials_are_the_whole();
   beckmann_slopes_follow_their_distribution();

@@ -1,0 +1,66 @@
+// Sixteen rays, each of which goes its own way. What all of them begin with, what tests want to
+// know of them and the boxes of the root's children, is worked out for all at once or one after the
+// other without branches, so that a processor has several under way; from there on each walks
+// alone.
+#pragma once
+#include "rows.h"
+#include "traverse.h"
+
+namespace parhelion::PH_ISA {
+
+// By lane, as in Slabs.
+struct SlabRows {
+  Rows<Vec3, kBatch> inverse, inverse_far;
+  u32 sign[3][kBatch];
+
+  PH_INLINE Slabs at(u32 k, Vec3 origin) const {
+    return {origin, inverse.at(k), inverse_far.at(k), {sign[0][k], sign[1][k], sign[2][k]}};
+  }
+};
+
+PH_APART inline void find_slabs(const Rows<Vec3, kBatch>& __restrict direction,
+                                SlabRows& __restrict slabs) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Vec3 d = direction.at(k), inverse = {1.0f / d.x, 1.0f / d.y, 1.0f / d.z};
+    slabs.inverse.set(k, inverse);
+    slabs.inverse_far.set(k, inverse * kSlabSlack);
+    slabs.sign[0][k] = inverse.x < 0.0f ? 1u : 0u;
+    slabs.sign[1][k] = inverse.y < 0.0f ? 1u : 0u;
+    slabs.sign[2][k] = inverse.z < 0.0f ? 1u : 0u;
+  }
+}
+
+// For rays of some lanes what walk_tree does for one: of lane k, ray_at(k) is the ray and best[k]
+// what counts as found before. Returns, with kAny, the lanes of those that hit something.
+template <bool kAny, class RayAt>
+PH_INLINE u32 walk_each(const SceneView& scene, const Rows<Vec3, kBatch>& direction, u32 lanes,
+                        RayAt&& ray_at, NearestHit (&best)[kBatch]) {
+  u32 any = 0;
+  if ((scene.root & kLeafBit) != 0) {
+    for_each_bit(lanes, [&](u32 k) {
+      const bool hit = walk_tree<kAny, false>(scene, scene.root, ray_at(k), best[k]);
+      any |= (hit ? 1u : 0u) << k;
+    });
+    return any;
+  }
+  SlabRows slabs;
+  find_slabs(direction, slabs);
+  const Node& root = scene.nodes[scene.root];
+  alignas(64) float near[kBatch][16];
+  u32 met[kBatch];
+  for_each_bit(lanes, [&](u32 k) {
+    Lanes at;
+    const Slabs own = slabs.at(k, ray_at(k).origin);
+    met[k] = test_boxes(root, own, best[k].hit.t * kSlabSlack, at);
+    if constexpr (!kAny) store(near[k], at);
+  });
+  for_each_bit(lanes, [&](u32 k) {
+    const Ray ray = ray_at(k);
+    const Slabs own = slabs.at(k, ray.origin);
+    const bool hit = walk_from<kAny>(scene, root, met[k], near[k], own, ray, best[k]);
+    any |= (hit ? 1u : 0u) << k;
+  });
+  return any;
+}
+
+}  // namespace parhelion::PH_ISA
