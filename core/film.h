@@ -66,20 +66,31 @@ PH_INLINE void add(FilmPixel& pixel, Vec3 radiance) {
   add(pixel.rgb[2], radiance.z);
 }
 
-// The same for many samples, sample i to the pixel row[at[i]], of which the first n count. Counting
-// all before they are added is a loop that compilers turn into vectors. rgb: by colour and sample.
+// Counts many samples, of which those that are not finite count 0 and are bad: a loop that
+// compilers turn into vectors. rgb, high, low: by colour and sample.
+template <u32 kCount>
+PH_APART inline void count_all(const float (&__restrict rgb)[3][kCount],
+                               u32 (&__restrict bad)[kCount], i64 (&__restrict high)[3][kCount],
+                               i64 (&__restrict low)[3][kCount]) {
+  for (u32 i = 0; i < kCount; ++i) {
+    const Vec3 light = {rgb[0][i], rgb[1][i], rgb[2][i]};
+    const bool good = finite(light);
+    const Vec3 c = select(good, light, Vec3{0, 0, 0});
+    const FilmSum red = count(c.x), green = count(c.y), blue = count(c.z);
+    bad[i] = good ? 0 : 1;
+    high[0][i] = red.high, low[0][i] = red.low;
+    high[1][i] = green.high, low[1][i] = green.low;
+    high[2][i] = blue.high, low[2][i] = blue.low;
+  }
+}
+
+// The same as for one for many samples, sample i to the pixel row[at[i]], of which the first n
+// count.
 template <u32 kCount>
 PH_INLINE void add(FilmPixel* row, const u32 (&at)[kCount], const float (&rgb)[3][kCount], u32 n) {
   i64 high[3][kCount], low[3][kCount];
   u32 bad[kCount];
-  for (u32 i = 0; i < kCount; ++i) bad[i] = finite({rgb[0][i], rgb[1][i], rgb[2][i]}) ? 0 : 1;
-  for (u32 k = 0; k < 3; ++k) {
-    for (u32 i = 0; i < kCount; ++i) {
-      const FilmSum counted = count(bad[i] != 0 ? 0.0f : rgb[k][i]);
-      high[k][i] = counted.high;
-      low[k][i] = counted.low;
-    }
-  }
+  count_all(rgb, bad, high, low);
   for (u32 i = 0; i < n; ++i) {
     FilmPixel& pixel = row[at[i]];
     ++pixel.count;

@@ -56,14 +56,44 @@ inline double filter_value(FilterKind kind, double x, double radius) {
   return 0.0;
 }
 
-// One offset from the pixel's centre, in pixels; the filter's other half mirrors the table's.
-PH_INLINE float filter_offset(const FilterTable& table, float u) {
+// Where a number lies in the table: after offset i by a share of a step.
+struct FilterStep {
+  int i;
+  float share;
+};
+
+PH_INLINE FilterStep filter_step(float u) {
   const float side = u < 0.5f ? 2.0f * u : 2.0f - 2.0f * u;
   const float x = sqrt(sqrt(side)) * static_cast<float>(kFilterSteps);
   const int whole = static_cast<int>(x), i = whole < kFilterSteps ? whole : kFilterSteps - 1;
-  const float low = table.offset[i];
-  const float offset = low + (x - static_cast<float>(i)) * (table.offset[i + 1] - low);
+  return {i, x - static_cast<float>(i)};
+}
+PH_INLINE float filter_offset(float low, float high, float share, float u) {
+  const float offset = low + share * (high - low);
   return u < 0.5f ? offset : -offset;
+}
+
+// One offset from the pixel's centre, in pixels; the filter's other half mirrors the table's.
+PH_INLINE float filter_offset(const FilterTable& table, float u) {
+  const FilterStep at = filter_step(u);
+  return filter_offset(table.offset[at.i], table.offset[at.i + 1], at.share, u);
+}
+
+// Many at once: loops that compilers turn into vectors, around the one that looks up.
+template <u32 kCount>
+PH_APART inline void filter_offsets(const FilterTable& __restrict table,
+                                    const float (&__restrict u)[kCount],
+                                    float (&__restrict offset)[kCount]) {
+  int index[kCount];
+  float share[kCount], low[kCount], high[kCount];
+  for (u32 k = 0; k < kCount; ++k) {
+    const FilterStep at = filter_step(u[k]);
+    index[k] = at.i, share[k] = at.share;
+  }
+  for (u32 k = 0; k < kCount; ++k) {
+    low[k] = table.offset[index[k]], high[k] = table.offset[index[k] + 1];
+  }
+  for (u32 k = 0; k < kCount; ++k) offset[k] = filter_offset(low[k], high[k], share[k], u[k]);
 }
 
 }  // namespace parhelion::PH_ISA

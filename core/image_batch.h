@@ -68,17 +68,22 @@ struct ImageBatch {
   PH_APART static void find_levels(const ImagePlaces<kCount>& __restrict at,
                                    u32 (&__restrict level)[kCount],
                                    float (&__restrict share)[kCount]) {
+    // In loops of their own: compilers would make branches for what bounds make constant.
+    float texels[kCount], place[kCount];
     for (u32 k = 0; k < kCount; ++k) {
-      const int side = at.columns[k] > at.rows[k] ? at.columns[k] : at.rows[k];
-      const float texels = at.width[k] * static_cast<float>(side);
-      // The last level's number is below 17, so 2^20 stands for all that is larger; lanes that no
-      // lookup has been set for have no level.
-      const float place = max(
-          min(log2_within(min(max(texels, 1.0f), 0x1p20f)), static_cast<float>(at.levels[k] - 1)),
-          0.0f);
-      const int whole = static_cast<int>(place);
+      const float columns = static_cast<float>(at.columns[k]);
+      const float rows = static_cast<float>(at.rows[k]);
+      // The last level's number is below 17, so 2^20 stands for all that is larger.
+      texels[k] = min(max(at.width[k] * max(columns, rows), 1.0f), 0x1p20f);
+    }
+    for (u32 k = 0; k < kCount; ++k) place[k] = log2_within(texels[k]);
+    for (u32 k = 0; k < kCount; ++k) {
+      // Lanes that no lookup has been set for have no level.
+      const float last = static_cast<float>(at.levels[k] - 1);
+      const float there = max(min(place[k], last), 0.0f);
+      const int whole = static_cast<int>(there);
       level[k] = static_cast<u32>(whole);
-      share[k] = place - static_cast<float>(whole);
+      share[k] = there - static_cast<float>(whole);
     }
   }
 

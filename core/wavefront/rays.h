@@ -7,19 +7,26 @@
 
 namespace parhelion::PH_ISA {
 
+// Points of a lens, of radius 1
+template <u32 kCount>
+PH_APART inline void find_lens(const float (&__restrict u)[2][kCount],
+                               float (&__restrict x)[kCount], float (&__restrict y)[kCount]) {
+  for (u32 i = 0; i < kCount; ++i) {
+    const Vec3 on_lens = uniform_disk({u[0][i], u[1][i]});
+    x[i] = on_lens.x, y[i] = on_lens.y;
+  }
+}
+
 // How the samples of a batch begin, whose pixels and numbers are given.
 template <u32 kCount>
 PH_INLINE void begin_paths(const SceneView& scene, const RenderView& view, CameraBatch<kCount>& b) {
   b.samplers = make_samplers(view.sampler, b.x, b.y, b.sample, view.seed);
-  float place_x[kCount], place_y[kCount], lens_x[kCount] = {}, lens_y[kCount] = {};
-  draw2(b.samplers, kDrawPixel, place_x, place_y);
-  if (view.camera.lens) draw2(b.samplers, kDrawLens, lens_x, lens_y);
-  for (u32 i = 0; i < kCount; ++i) b.offset_x[i] = filter_offset(view.filter, place_x[i]);
-  for (u32 i = 0; i < kCount; ++i) b.offset_y[i] = filter_offset(view.filter, place_y[i]);
-  for (u32 i = 0; i < kCount; ++i) {
-    const Vec3 lens = uniform_disk({lens_x[i], lens_y[i]});
-    b.lens_x[i] = lens.x, b.lens_y[i] = lens.y;
-  }
+  float place[2][kCount], lens[2][kCount] = {};
+  draw2(b.samplers, kDrawPixel, place[0], place[1]);
+  filter_offsets(view.filter, place[0], b.offset_x);
+  filter_offsets(view.filter, place[1], b.offset_y);
+  if (view.camera.lens) draw2(b.samplers, kDrawLens, lens[0], lens[1]);
+  find_lens(lens, b.lens_x, b.lens_y);
   camera_rays(view.camera, scene.bounds, b);
 }
 
