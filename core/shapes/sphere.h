@@ -43,13 +43,17 @@ PH_INLINE u32 intersect(const SphereBlock& block, const Ray& ray, float limit, u
   const Lanes px = fx - b * dx, py = fy - b * dy, pz = fz - b * dz;
   const Lanes r = load(block.radius), r2 = r * r;
   const Lanes discriminant = r2 - (px * px + py * py + pz * pz);
-  u32 touched = bits(all(0.0f) <= discriminant);
+  const Lanes inside = r2 - (fx * fx + fy * fy + fz * fz);
+  // Those that the line meets, but not where it comes from: ahead, or around the origin.
+  u32 touched = bits(all(0.0f) <= discriminant) & bits(all(0.0f) < max(b, inside));
+  // What leaves a sphere for the outside meets it no more.
+  if (!ray.inward) touched &= ~(1u << self_lane % 32);
   if (touched == 0) return 0;
   // Few of sixteen are: their roots one by one are faster than sixteen at once.
-  alignas(64) float along[16], under[16], product[16];
+  alignas(64) float along[16], under[16], depth[16];
   store(along, b);
   store(under, discriminant);
-  store(product, (fx * fx + fy * fy + fz * fz) - r2);
+  store(depth, inside);
   u32 hit = 0;
   do {
     const u32 lane = lowest_bit(touched);
@@ -58,11 +62,11 @@ PH_INLINE u32 intersect(const SphereBlock& block, const Ray& ray, float limit, u
     float t;
     if (lane == self_lane) {
       // Of the sphere underfoot the product is 0 exactly: one root is 0, the other 2b.
-      t = ray.inward ? at + at : 0.0f;
+      t = at + at;
     } else {
       const bool ahead = at > 0.0f;
       const float q = ahead ? at + s : at - s;
-      const float other = product[lane] / q;
+      const float other = -depth[lane] / q;
       // Ahead of the ray, q is the far root and c / q the near one, behind the origin if it is
       // inside.
       t = ahead && other <= 0.0f ? q : other;
