@@ -46,18 +46,20 @@ PH_INLINE u32 walk_each(const SceneView& scene, const Rows<Vec3, kBatch>& direct
   SlabRows slabs;
   find_slabs(direction, slabs);
   const Node& root = scene.nodes[scene.root];
-  alignas(64) float near[kBatch][16];
-  u32 met[kBatch];
+  Stack::Ordered first[kBatch];
   for_each_bit(lanes, [&](u32 k) {
-    Lanes at;
+    Lanes near;
     const Slabs own = slabs.at(k, ray_at(k).origin);
-    met[k] = test_boxes(root, own, best[k].hit.t * kSlabSlack, at);
-    if constexpr (!kAny) store(near[k], at);
+    const u32 met = test_boxes(root, own, best[k].hit.t * kSlabSlack, near);
+    if constexpr (kAny) {
+      Stack::list(root, met, first[k]);
+    } else {
+      Stack::order(root, near, met, first[k]);
+    }
   });
   for_each_bit(lanes, [&](u32 k) {
     const Ray ray = ray_at(k);
-    const Slabs own = slabs.at(k, ray.origin);
-    const bool hit = walk_from<kAny>(scene, root, met[k], near[k], own, ray, best[k]);
+    const bool hit = walk_from<kAny>(scene, first[k], slabs.at(k, ray.origin), ray, best[k]);
     any |= (hit ? 1u : 0u) << k;
   });
   return any;

@@ -22,38 +22,35 @@ class Stack {
   };
   PH_INLINE explicit Stack(Room& room) : near_(room.near), child_(room.child) {}
 
+  // Children of a node as they lie there.
+  struct alignas(64) Ordered {
+    u32 near[16];
+    Child child[16];
+    u32 count;
+  };
+  // A bit for each in `hits`; near: where the ray enters their boxes.
+  PH_INLINE static void order(const Node& node, const Lanes& near, u32 hits, Ordered& out) {
+    out.count = order(node, near, hits, out.near, out.child);
+  }
+  // In any order.
+  PH_INLINE static void list(const Node& node, u32 hits, Ordered& out) {
+    const __m512i children = _mm512_load_si512(node.child);
+    _mm512_store_si512(out.child,
+                       _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits), children));
+    out.count = static_cast<u32>(__builtin_popcount(hits));
+  }
+  // What there are of them on an empty stack, but for the uppermost, which is returned.
+  PH_INLINE Child begin(const Ordered& first) {
+    _mm512_storeu_si512(near_, _mm512_load_si512(first.near));
+    _mm512_storeu_si512(child_, _mm512_load_si512(first.child));
+    size_ = first.count - 1;
+    return first.child[size_];
+  }
+
   // Children of a node, a bit for each in `hits`, of which there are two or more; near: where the
   // ray enters their boxes. Returns the nearest, which is not put there.
   PH_INLINE Child push(const Node& node, const Lanes& near, u32 hits) {
-    // Of floats that are not negative the order is that of their bits. The last four give way to
-    // the child's number, so the distances that are kept are less by that.
-    const __m512i numbers = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-    const __m512i distances =
-        _mm512_andnot_si512(_mm512_set1_epi32(15), _mm512_castps_si512(near.part[0]));
-    const __m512i found = _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits),
-                                                      _mm512_or_si512(distances, numbers));
-    const u32 count = static_cast<u32>(__builtin_popcount(hits));
-    __m512i sorted = _mm512_castsi128_si512(descending(_mm512_castsi512_si128(found)));
-    if (count > 4) [[unlikely]] {
-      alignas(64) u32 key[16], in_order[16];
-      _mm512_store_si512(key, found);
-      for (u32 i = 0; i < count; ++i) {
-        const __m512i one = _mm512_set1_epi32(static_cast<int>(key[i]));
-        const u32 farther = _mm512_cmpgt_epu32_mask(found, one);
-        in_order[__builtin_popcount(farther)] = key[i];
-      }
-      sorted = _mm512_load_si512(in_order);
-    }
-    const __m512i children = _mm512_permutexvar_epi32(sorted, _mm512_load_si512(node.child));
-    if (count > 4) [[unlikely]] {
-      _mm512_storeu_si512(near_ + size_, sorted);
-      _mm512_storeu_si512(child_ + size_, children);
-    } else {
-      _mm_storeu_si128(reinterpret_cast<__m128i*>(near_ + size_), _mm512_castsi512_si128(sorted));
-      _mm_storeu_si128(reinterpret_cast<__m128i*>(child_ + size_),
-                       _mm512_castsi512_si128(children));
-    }
-    size_ += count - 1;
+    size_ += order(node, near, hits, near_ + size_, child_ + size_) - 1;
     return child_[size_];
   }
   // In their order in the node. True if `next` is the last, which then is not put there.
@@ -81,6 +78,38 @@ class Stack {
   }
 
  private:
+  // The nearest last; returns how many there are.
+  PH_INLINE static u32 order(const Node& node, const Lanes& near, u32 hits, u32* near_to,
+                             Child* child_to) {
+    // Of floats that are not negative the order is that of their bits. The last four give way to
+    // the child's number, so the distances that are kept are less by that.
+    const __m512i numbers = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+    const __m512i distances =
+        _mm512_andnot_si512(_mm512_set1_epi32(15), _mm512_castps_si512(near.part[0]));
+    const __m512i found = _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits),
+                                                      _mm512_or_si512(distances, numbers));
+    const u32 count = static_cast<u32>(__builtin_popcount(hits));
+    __m512i sorted = _mm512_castsi128_si512(descending(_mm512_castsi512_si128(found)));
+    if (count > 4) [[unlikely]] {
+      alignas(64) u32 key[16], in_order[16];
+      _mm512_store_si512(key, found);
+      for (u32 i = 0; i < count; ++i) {
+        const __m512i one = _mm512_set1_epi32(static_cast<int>(key[i]));
+        const u32 farther = _mm512_cmpgt_epu32_mask(found, one);
+        in_order[__builtin_popcount(farther)] = key[i];
+      }
+      sorted = _mm512_load_si512(in_order);
+    }
+    const __m512i children = _mm512_permutexvar_epi32(sorted, _mm512_load_si512(node.child));
+    if (count > 4) [[unlikely]] {
+      _mm512_storeu_si512(near_to, sorted);
+      _mm512_storeu_si512(child_to, children);
+    } else {
+      _mm_storeu_si128(reinterpret_cast<__m128i*>(near_to), _mm512_castsi512_si128(sorted));
+      _mm_storeu_si128(reinterpret_cast<__m128i*>(child_to), _mm512_castsi512_si128(children));
+    }
+    return count;
+  }
   // Zeros, which stand for none, come last.
   PH_INLINE static __m128i descending(__m128i a) {
     const __m128i b = _mm_shuffle_epi32(a, 0xb1);  // neighbours exchanged
@@ -105,19 +134,27 @@ class Stack {
   };
   PH_INLINE explicit Stack(Room& room) : first_(room.entry), top_(room.entry) {}
 
+  struct Ordered {
+    u64 entry[16];
+    u32 count;
+  };
+  PH_INLINE static void order(const Node& node, const Lanes& near, u32 hits, Ordered& out) {
+    out.count = static_cast<u32>(order(node, near, hits, out.entry) - out.entry);
+  }
+  PH_INLINE static void list(const Node& node, u32 hits, Ordered& out) {
+    out.count = 0;
+    for_each_bit(hits, [&](u32 k) { out.entry[out.count++] = node.child[k]; });
+  }
+  PH_INLINE Child begin(const Ordered& first) {
+    const u32 rest = first.count - 1;
+    for (u32 i = 0; i < rest; ++i) first_[i] = first.entry[i];
+    top_ = first_ + rest;
+    return static_cast<Child>(first.entry[rest]);
+  }
+
   PH_INLINE Child push(const Node& node, const Lanes& near, u32 hits) {
-    alignas(64) float at[16];
-    store(at, near);
-    u64* const start = top_;
-    for_each_bit(hits, [&](u32 k) {
-      // Insertion sort, farthest first: of floats that are not negative the order is that of their
-      // bits, which are an entry's upper half.
-      const u64 e = static_cast<u64>(__builtin_bit_cast(u32, at[k])) << 32 | node.child[k];
-      u64* place = top_++;
-      for (; place != start && place[-1] < e; --place) *place = place[-1];
-      *place = e;
-    });
-    return static_cast<Child>(*--top_);
+    top_ = order(node, near, hits, top_) - 1;
+    return static_cast<Child>(*top_);
   }
   PH_INLINE bool push(const Node& node, u32 hits, Child& next) {
     if (hits == 0) return false;
@@ -145,6 +182,22 @@ class Stack {
   }
 
  private:
+  // Returns the end.
+  PH_INLINE static u64* order(const Node& node, const Lanes& near, u32 hits, u64* to) {
+    alignas(64) float at[16];
+    store(at, near);
+    u64* end = to;
+    for_each_bit(hits, [&](u32 k) {
+      // Insertion sort, farthest first: of floats that are not negative the order is that of their
+      // bits, which are an entry's upper half.
+      const u64 e = static_cast<u64>(__builtin_bit_cast(u32, at[k])) << 32 | node.child[k];
+      u64* place = end++;
+      for (; place != to && place[-1] < e; --place) *place = place[-1];
+      *place = e;
+    });
+    return end;
+  }
+
   u64* const first_;
   u64* top_;
 };

@@ -170,23 +170,22 @@ PH_INLINE bool descend(const Node& node, u32 hits, const Lanes& near, Stack& sta
   return false;
 }
 
-// From where a walk stands: at `next`, or, if there is none, at what the stack holds.
+// On from a child, and from what the stack holds.
 template <bool kAny, bool kInside>
-PH_INLINE bool walk_on(const SceneView& scene, bool there, Child next, Stack& stack,
-                       const Slabs& slabs, const Ray& ray, NearestHit& best) {
+PH_INLINE bool walk_on(const SceneView& scene, Child next, Stack& stack, const Slabs& slabs,
+                       const Ray& ray, NearestHit& best) {
   for (;;) {
-    if (!there) {
-      if (kAny ? !stack.pop(next) : !stack.pop(next, best.hit.t * kSlabSlack)) return false;
-    }
+    bool there = false;
     if (next & kLeafBit) {
       if (test_leaf<kAny, kInside>(scene, next, ray, best)) return true;
-      there = false;
     } else {
       const Node& node = scene.nodes[next];
       Lanes near;
       const u32 hits = test_boxes(node, slabs, best.hit.t * kSlabSlack, near);
       there = descend<kAny>(node, hits, near, stack, next);
     }
+    if (there) continue;
+    if (kAny ? !stack.pop(next) : !stack.pop(next, best.hit.t * kSlabSlack)) return false;
   }
 }
 
@@ -194,18 +193,18 @@ template <bool kAny, bool kInside>
 inline bool walk_tree(const SceneView& scene, Child root, const Ray& ray, NearestHit& best) {
   Stack::Room room;
   Stack stack(room);
-  return walk_on<kAny, kInside>(scene, true, root, stack, slabs_of(ray), ray, best);
+  return walk_on<kAny, kInside>(scene, root, stack, slabs_of(ray), ray, best);
 }
 
-// From a node's children on that the ray meets, with kAny wherever, else at near[i] for child i.
+// From some children of a node on.
 template <bool kAny>
-inline bool walk_from(const SceneView& scene, const Node& node, u32 hits, const float* near,
-                      const Slabs& slabs, const Ray& ray, NearestHit& best) {
+inline bool walk_from(const SceneView& scene, const Stack::Ordered& first, const Slabs& slabs,
+                      const Ray& ray, NearestHit& best) {
+  if (first.count == 0) return false;
   Stack::Room room;
   Stack stack(room);
-  Child next = 0;
-  const bool there = descend<kAny>(node, hits, kAny ? all(0.0f) : load(near), stack, next);
-  return walk_on<kAny, false>(scene, there, next, stack, slabs, ray, best);
+  const Child next = stack.begin(first);
+  return walk_on<kAny, false>(scene, next, stack, slabs, ray, best);
 }
 
 template <bool kAny>
