@@ -65,4 +65,35 @@ PH_INLINE u32 walk_each(const SceneView& scene, const Rows<Vec3, kBatch>& direct
   return any;
 }
 
+// The lanes, of those given, whose rays meet anything but ignored(k) before their limits.
+template <class RayAt, class Ignored>
+PH_INLINE u32 occluded_each(const SceneView& scene, const Rows<Vec3, kBatch>& direction, u32 lanes,
+                            RayAt&& ray_at, const float (&limit)[kBatch], Ignored&& ignored,
+                            bool tree) {
+  NearestHit best[kBatch];
+  for_each_bit(lanes, [&](u32 k) { best[k] = {{limit[k], kNoSlot}, kNone, ignored(k)}; });
+  if (tree) return walk_each<true>(scene, direction, lanes, ray_at, best);
+  u32 any = 0;
+  for_each_bit(lanes, [&](u32 k) {
+    any |= (walk_all<true>(scene, own_group(scene), ray_at(k), best[k]) ? 1u : 0u) << k;
+  });
+  return any;
+}
+
+// The nearest hits of rays of some lanes; of those that meet nothing the slot's leaf is kNone.
+template <class RayAt>
+PH_INLINE void intersect_each(const SceneView& scene, const Rows<Vec3, kBatch>& direction,
+                              u32 lanes, RayAt&& ray_at, const float (&limit)[kBatch], bool tree,
+                              Hit (&hit)[kBatch]) {
+  NearestHit best[kBatch];
+  for_each_bit(lanes, [&](u32 k) { best[k] = {{limit[k], kNoSlot}, kNone, kNoSlot}; });
+  if (tree) {
+    walk_each<false>(scene, direction, lanes, ray_at, best);
+  } else {
+    for_each_bit(lanes,
+                 [&](u32 k) { walk_all<false>(scene, own_group(scene), ray_at(k), best[k]); });
+  }
+  for_each_bit(lanes, [&](u32 k) { hit[k] = best[k].hit; });
+}
+
 }  // namespace parhelion::PH_ISA

@@ -86,42 +86,39 @@ Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, 
   return radiance(scene, view, x, y, sample, stats);
 }
 
-// What many rays meet before their limits, each by itself: calls found(i, hit, whether it is any).
-template <bool kAny, class Found>
-void trace_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
-               Found&& found) {
+// Calls f(first, lanes, directions) for each sixteen of many rays.
+template <class F>
+void for_each_batch(const Ray* rays, u64 n, F&& f) {
   for (u64 first = 0; first < n; first += kBatch) {
     const u32 count = n - first < kBatch ? static_cast<u32>(n - first) : kBatch;
-    const Ray* own = rays + first;
     Rows<Vec3, kBatch> direction = {};
-    NearestHit best[kBatch];
-    for (u32 k = 0; k < count; ++k) {
-      direction.set(k, own[k].direction);
-      best[k] = {{limit[first + k], kNoSlot}, kNone, kNoSlot};
-    }
-    u32 any = 0;
-    if (tree) {
-      any =
-          walk_each<kAny>(scene, direction, (1u << count) - 1, [&](u32 k) { return own[k]; }, best);
-    } else {
-      for (u32 k = 0; k < count; ++k) {
-        any |= (walk_all<kAny>(scene, own_group(scene), own[k], best[k]) ? 1u : 0u) << k;
-      }
-    }
-    for (u32 k = 0; k < count; ++k) found(first + k, best[k].hit, (any >> k & 1u) != 0);
+    for (u32 k = 0; k < count; ++k) direction.set(k, rays[first + k].direction);
+    f(first, (1u << count) - 1, direction);
   }
 }
 
 void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
                    Hit* hits) {
-  trace_all<false>(scene, rays, limit, n, tree,
-                   [&](u64 i, const Hit& hit, bool) { hits[i] = hit; });
+  for_each_batch(rays, n, [&](u64 first, u32 lanes, const Rows<Vec3, kBatch>& direction) {
+    float most[kBatch];
+    Hit hit[kBatch];
+    for_each_bit(lanes, [&](u32 k) { most[k] = limit[first + k]; });
+    intersect_each(
+        scene, direction, lanes, [&](u32 k) { return rays[first + k]; }, most, tree, hit);
+    for_each_bit(lanes, [&](u32 k) { hits[first + k] = hit[k]; });
+  });
 }
 
 void occluded_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
                   u8* result) {
-  trace_all<true>(scene, rays, limit, n, tree,
-                  [&](u64 i, const Hit&, bool any) { result[i] = any; });
+  for_each_batch(rays, n, [&](u64 first, u32 lanes, const Rows<Vec3, kBatch>& direction) {
+    float most[kBatch];
+    for_each_bit(lanes, [&](u32 k) { most[k] = limit[first + k]; });
+    const u32 any = occluded_each(
+        scene, direction, lanes, [&](u32 k) { return rays[first + k]; }, most,
+        [](u32) { return kNoSlot; }, tree);
+    for_each_bit(lanes, [&](u32 k) { result[first + k] = (any >> k & 1u) != 0; });
+  });
 }
 
 Media bodies(const SceneView& scene, Vec3 point, Vec3 direction, bool tree) {

@@ -218,23 +218,21 @@ inline void receive(const SceneView& scene, const RenderView& view, u32 transmit
                     Paths& p, const Vertices& v, PathStats& stats) {
   ShadowRays rays;
   find_shadow_rays(v, rays);
-  Rows<Vec3, kBatch> through = {};
+  Rows<Vec3, kBatch> through;
   u32 arriving = 0;
-  if (view.tree && !scene.has_holes) {
-    NearestHit best[kBatch];
+  const auto ray_at = [&](u32 k) { return rays.at(k, p, v); };
+  if (scene.has_holes) {
     for_each_bit(lanes, [&](u32 k) {
-      ++stats.rays;
-      best[k] = {{v.light_distance[k], kNoSlot}, kNone, v.light_slot[k]};
-      through.set(k, Vec3{1, 1, 1});
-    });
-    arriving = lanes & ~walk_each<true>(
-                           scene, v.to_light, lanes, [&](u32 k) { return rays.at(k, p, v); }, best);
-  } else {
-    for_each_bit(lanes, [&](u32 k) {
-      through.set(k, transmittance(scene, rays.at(k, p, v), v.light_distance[k], v.light_slot[k],
+      through.set(k, transmittance(scene, ray_at(k), v.light_distance[k], v.light_slot[k],
                                    view.tree, stats));
       if (!black(through.at(k))) arriving |= 1u << k;
     });
+  } else {
+    for (u32 k = 0; k < kBatch; ++k) through.set(k, Vec3{1, 1, 1});
+    stats.rays += compiler::ones(lanes);
+    arriving = lanes & ~occluded_each(
+                           scene, v.to_light, lanes, ray_at, v.light_distance,
+                           [&](u32 k) { return v.light_slot[k]; }, view.tree);
   }
   if (arriving == 0) return;
   Rows<Vec3, kBatch> received;

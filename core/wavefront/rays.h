@@ -78,15 +78,13 @@ inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, bo
                   PathStats& stats, const Watch& watch = {}) {
   Paths& p = wave.paths;
   Hit hit[kBatch];
-  if (!view.tree) {
-    for_each_bit(wave.alive, [&](u32 k) { intersect(scene, p.ray(k), kInfinity, false, hit[k]); });
-  } else if (close) {
+  if (close && view.tree) {
     intersect_close(scene, p.origin, p.direction, wave.alive, hit);
   } else {
-    NearestHit best[kBatch];
-    for_each_bit(wave.alive, [&](u32 k) { best[k] = {{kInfinity, kNoSlot}, kNone, kNoSlot}; });
-    walk_each<false>(scene, p.direction, wave.alive, [&](u32 k) { return p.ray(k); }, best);
-    for_each_bit(wave.alive, [&](u32 k) { hit[k] = best[k].hit; });
+    float limit[kBatch];
+    for (float& most : limit) most = kInfinity;
+    intersect_each(
+        scene, p.direction, wave.alive, [&](u32 k) { return p.ray(k); }, limit, view.tree, hit);
   }
   u32 left = 0;
   for_each_bit(wave.alive, [&](u32 k) {

@@ -127,16 +127,21 @@ inline void share_out(const SceneView& scene, const RenderView& view, const Path
       radiance[j] += gathered;
       return;
     }
-    u32 seen = 1u << j;
-    float sum = ways.density[j];
-    for_each_bit(g.starts & ~seen, [&](u32 i) {
+    u32 others = 0;
+    for_each_bit(g.starts & ~(1u << j), [&](u32 i) {
       if (!(ways.density[i] > 0.0f)) return;
-      const Ray ray = {g.start.at(i), ways.direction.at(i), g.self[i], g.inward[i]};
+      others |= 1u << i;
       ++stats.rays;
-      if (occluded(scene, ray, ways.distance[i], g.end_slot[j], view.tree)) return;
-      seen |= 1u << i;
-      sum += ways.density[i];
     });
+    const auto ray_at = [&](u32 i) -> Ray {
+      return {g.start.at(i), ways.direction.at(i), g.self[i], g.inward[i]};
+    };
+    const u32 hidden = occluded_each(
+        scene, ways.direction, others, ray_at, ways.distance, [&](u32) { return g.end_slot[j]; },
+        view.tree);
+    const u32 seen = (others & ~hidden) | 1u << j;
+    float sum = ways.density[j];
+    for_each_bit(seen & ~(1u << j), [&](u32 i) { sum += ways.density[i]; });
     const Vec3 light = {gathered.x / own.x, gathered.y / own.y, gathered.z / own.z};
     for_each_bit(seen, [&](u32 i) {
       radiance[i] +=

@@ -326,22 +326,22 @@ void rays_together_meet_what_each_meets() {
       RayBounds bounds;
       bounded += bounds_of(origin, direction, lanes, bounds) ? 1 : 0;
       const auto ray_at = [&](u32 k) { return Ray{origin.at(k), direction.at(k), kNoSlot, false}; };
-      NearestHit apart[kBatch], before[kBatch];
-      for (NearestHit& best : apart) best = {{kInfinity, kNoSlot}, kNone, kNoSlot};
-      walk_each<false>(scene.view(), direction, lanes, ray_at, apart);
+      Hit apart[kBatch];
+      float limit[kBatch];
+      for (float& most : limit) most = kInfinity;
+      intersect_each(scene.view(), direction, lanes, ray_at, limit, true, apart);
       // And whether anything but the nearest is met before that, or not much farther away.
-      for_each_bit(lanes, [&](u32 k) {
-        before[k] = {{hit[k].t * (k % 2 ? 1.5f : 1.0f), kNoSlot}, kNone, hit[k].slot};
-      });
-      const u32 hidden = walk_each<true>(scene.view(), direction, lanes, ray_at, before);
+      for_each_bit(lanes, [&](u32 k) { limit[k] = hit[k].t * (k % 2 ? 1.5f : 1.0f); });
+      const u32 hidden = occluded_each(
+          scene.view(), direction, lanes, ray_at, limit, [&](u32 k) { return hit[k].slot; }, true);
       for_each_bit(lanes, [&](u32 k) {
         Hit alone;
         met += intersect(scene.view(), ray_at(k), kInfinity, true, alone) ? 1 : 0;
-        for (const Hit& one : {hit[k], apart[k].hit}) {
+        for (const Hit& one : {hit[k], apart[k]}) {
           CHECK(one.t == alone.t && one.slot.leaf == alone.slot.leaf &&
                 one.slot.lane == alone.slot.lane);
         }
-        const bool other = occluded(scene.view(), ray_at(k), before[k].hit.t, hit[k].slot, true);
+        const bool other = occluded(scene.view(), ray_at(k), limit[k], hit[k].slot, true);
         CHECK((hidden >> k & 1u) == (other ? 1u : 0u));
         behind += other ? 1 : 0;
       });
