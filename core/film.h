@@ -84,8 +84,7 @@ PH_APART inline void count_all(const float (&__restrict rgb)[3][kCount],
   }
 }
 
-// The same as for one for many samples, sample i to the pixel row[at[i]], of which the first n
-// count.
+// Adds many samples, sample i to the pixel row[at[i]]; the first n count.
 template <u32 kCount>
 PH_INLINE void add(FilmPixel* row, const u32 (&at)[kCount], const float (&rgb)[3][kCount], u32 n) {
   i64 high[3][kCount], low[3][kCount];

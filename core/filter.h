@@ -68,18 +68,9 @@ PH_INLINE FilterStep filter_step(float u) {
   const int whole = static_cast<int>(x), i = whole < kFilterSteps ? whole : kFilterSteps - 1;
   return {i, x - static_cast<float>(i)};
 }
-PH_INLINE float filter_offset(float low, float high, float share, float u) {
-  const float offset = low + share * (high - low);
-  return u < 0.5f ? offset : -offset;
-}
 
-// One offset from the pixel's centre, in pixels; the filter's other half mirrors the table's.
-PH_INLINE float filter_offset(const FilterTable& table, float u) {
-  const FilterStep at = filter_step(u);
-  return filter_offset(table.offset[at.i], table.offset[at.i + 1], at.share, u);
-}
-
-// Many at once: loops that compilers turn into vectors, around the one that looks up.
+// Offsets from pixels' centres, in pixels; the filter's other half mirrors the table's. Loops that
+// compilers turn into vectors, around the one that looks up.
 template <u32 kCount>
 PH_APART inline void filter_offsets(const FilterTable& __restrict table,
                                     const float (&__restrict u)[kCount],
@@ -93,7 +84,10 @@ PH_APART inline void filter_offsets(const FilterTable& __restrict table,
   for (u32 k = 0; k < kCount; ++k) {
     low[k] = table.offset[index[k]], high[k] = table.offset[index[k] + 1];
   }
-  for (u32 k = 0; k < kCount; ++k) offset[k] = filter_offset(low[k], high[k], share[k], u[k]);
+  for (u32 k = 0; k < kCount; ++k) {
+    const float size = low[k] + share[k] * (high[k] - low[k]);
+    offset[k] = u[k] < 0.5f ? size : -size;
+  }
 }
 
 }  // namespace parhelion::PH_ISA

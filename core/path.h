@@ -150,16 +150,13 @@ PH_INLINE Vec3 bounded(Vec3 light, u32 times, float most_indirect) {
   return light * (((times > 1) & (most > most_indirect)) ? most_indirect / most : 1.0f);
 }
 
-PH_INLINE void add_scattered(const RenderView& view, Paths& paths, u32 k, Vec3 light, u32 times) {
-  paths.sum.set(k, paths.sum.at(k) + bounded(light, times, view.clamp_indirect));
-}
-
 // Light that the path's ray met by itself, weighed against the light sample that might have.
 PH_INLINE void add_light(const RenderView& view, Paths& paths, u32 k, Vec3 radiance,
                          float light_density) {
   const float own = paths.scatter_pdf[k];
   const float weight = own > 0.0f ? power_heuristic(own, light_density) : 1.0f;
-  add_scattered(view, paths, k, paths.throughput.at(k) * radiance * weight, paths.depth[k] - 1);
+  const Vec3 light = paths.throughput.at(k) * radiance * weight;
+  paths.sum.set(k, paths.sum.at(k) + bounded(light, paths.depth[k] - 1, view.clamp_indirect));
 }
 
 // Adds what the surface that the path has met gives off, and returns it. texture: what the texture

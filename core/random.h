@@ -86,8 +86,8 @@ struct Sampler {
 PH_INLINE Sampler make_sampler(SamplerKind kind, u32 x, u32 y, u32 sample, u64 seed) {
   const u64 pixel = mix((static_cast<u64>(y) << 32 | x) + mix(seed + 0x9e3779b97f4a7c15ull));
   const bool independent = kind == SamplerKind::independent;
-  const u64 one = mix(pixel + sample);
-  return {kind, independent ? 0 : reverse_bits(sample), independent ? one : pixel};
+  const u64 by_sample = mix(pixel + sample);  // in either case: a branch would undo vectors
+  return {kind, independent ? 0 : reverse_bits(sample), independent ? by_sample : pixel};
 }
 
 PH_INLINE u64 dimension_hash(u64 key, u32 dimension) {

@@ -1,6 +1,6 @@
-// Sixteen rays, each of which goes its own way. What all of them begin with, what tests want to
-// know of them and the boxes of the root's children, is worked out for all at once or one after the
-// other without branches, so that a processor has several under way; from there on each walks
+// Sixteen rays, each of which goes its own way. What all of them begin with, the inverses of their
+// directions, the boxes of the root's children and the order of those that are met, is worked out
+// for all before any walks on, so that a processor has several under way; after that each walks
 // alone.
 #pragma once
 #include "rows.h"
@@ -21,28 +21,26 @@ struct SlabRows {
 PH_APART inline void find_slabs(const Rows<Vec3, kBatch>& __restrict direction,
                                 SlabRows& __restrict slabs) {
   for (u32 k = 0; k < kBatch; ++k) {
-    const Vec3 d = direction.at(k), inverse = {1.0f / d.x, 1.0f / d.y, 1.0f / d.z};
-    slabs.inverse.set(k, inverse);
-    slabs.inverse_far.set(k, inverse * kSlabSlack);
-    slabs.sign[0][k] = inverse.x < 0.0f ? 1u : 0u;
-    slabs.sign[1][k] = inverse.y < 0.0f ? 1u : 0u;
-    slabs.sign[2][k] = inverse.z < 0.0f ? 1u : 0u;
+    const Slabs own = slabs_of({0, 0, 0}, direction.at(k));
+    slabs.inverse.set(k, own.inverse);
+    slabs.inverse_far.set(k, own.inverse_far);
+    for (u32 axis = 0; axis < 3; ++axis) slabs.sign[axis][k] = own.sign[axis];
   }
 }
 
-// For rays of some lanes what walk_tree does for one: of lane k, ray_at(k) is the ray and best[k]
-// what counts as found before. Returns, with kAny, the lanes of those that hit something.
+// For rays of some lanes what intersect and occluded do for one: of lane k, ray_at(k) is the ray
+// and best[k] what counts as found before. Returns, with kAny, the lanes of those that hit
+// something.
 template <bool kAny, class RayAt>
 PH_INLINE u32 walk_each(const SceneView& scene, const Rows<Vec3, kBatch>& direction, u32 lanes,
-                        RayAt&& ray_at, NearestHit (&best)[kBatch]) {
+                        RayAt&& ray_at, bool tree, NearestHit (&best)[kBatch]) {
   u32 any = 0;
-  if ((scene.root & kLeafBit) != 0) {
-    for_each_bit(lanes, [&](u32 k) {
-      const bool hit = walk_tree<kAny, false>(scene, scene.root, ray_at(k), best[k]);
-      any |= (hit ? 1u : 0u) << k;
-    });
+  if (!tree || (scene.root & kLeafBit) != 0) {
+    for_each_bit(
+        lanes, [&](u32 k) { any |= (walk<kAny>(scene, ray_at(k), tree, best[k]) ? 1u : 0u) << k; });
     return any;
   }
+  if (lanes == 0) return 0;
   SlabRows slabs;
   find_slabs(direction, slabs);
   const Node& root = scene.nodes[scene.root];
@@ -72,12 +70,7 @@ PH_INLINE u32 occluded_each(const SceneView& scene, const Rows<Vec3, kBatch>& di
                             bool tree) {
   NearestHit best[kBatch];
   for_each_bit(lanes, [&](u32 k) { best[k] = {{limit[k], kNoSlot}, kNone, ignored(k)}; });
-  if (tree) return walk_each<true>(scene, direction, lanes, ray_at, best);
-  u32 any = 0;
-  for_each_bit(lanes, [&](u32 k) {
-    any |= (walk_all<true>(scene, own_group(scene), ray_at(k), best[k]) ? 1u : 0u) << k;
-  });
-  return any;
+  return walk_each<true>(scene, direction, lanes, ray_at, tree, best);
 }
 
 // The nearest hits of rays of some lanes; of those that meet nothing the slot's leaf is kNone.
@@ -87,12 +80,7 @@ PH_INLINE void intersect_each(const SceneView& scene, const Rows<Vec3, kBatch>& 
                               Hit (&hit)[kBatch]) {
   NearestHit best[kBatch];
   for_each_bit(lanes, [&](u32 k) { best[k] = {{limit[k], kNoSlot}, kNone, kNoSlot}; });
-  if (tree) {
-    walk_each<false>(scene, direction, lanes, ray_at, best);
-  } else {
-    for_each_bit(lanes,
-                 [&](u32 k) { walk_all<false>(scene, own_group(scene), ray_at(k), best[k]); });
-  }
+  walk_each<false>(scene, direction, lanes, ray_at, tree, best);
   for_each_bit(lanes, [&](u32 k) { hit[k] = best[k].hit; });
 }
 

@@ -32,12 +32,12 @@ class Stack {
   PH_INLINE static void order(const Node& node, const Lanes& near, u32 hits, Ordered& out) {
     out.count = order(node, near, hits, out.near, out.child);
   }
-  // In any order.
+  // In their order in the node, the last on top.
   PH_INLINE static void list(const Node& node, u32 hits, Ordered& out) {
     const __m512i children = _mm512_load_si512(node.child);
     _mm512_store_si512(out.child,
                        _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits), children));
-    out.count = static_cast<u32>(__builtin_popcount(hits));
+    out.count = compiler::ones(hits);
   }
   // What there are of them on an empty stack, but for the uppermost, which is returned.
   PH_INLINE Child begin(const Ordered& first) {
@@ -57,7 +57,7 @@ class Stack {
   PH_INLINE bool push(const Node& node, u32 hits, Child& /*next*/) {
     _mm512_storeu_si512(child_ + size_, _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits),
                                                                     _mm512_load_si512(node.child)));
-    size_ += static_cast<u32>(__builtin_popcount(hits));
+    size_ += compiler::ones(hits);
     return false;
   }
 
@@ -88,7 +88,7 @@ class Stack {
         _mm512_andnot_si512(_mm512_set1_epi32(15), _mm512_castps_si512(near.part[0]));
     const __m512i found = _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits),
                                                       _mm512_or_si512(distances, numbers));
-    const u32 count = static_cast<u32>(__builtin_popcount(hits));
+    const u32 count = compiler::ones(hits);
     __m512i sorted = _mm512_castsi128_si512(descending(_mm512_castsi512_si128(found)));
     if (count > 4) [[unlikely]] {
       alignas(64) u32 key[16], in_order[16];
@@ -96,7 +96,7 @@ class Stack {
       for (u32 i = 0; i < count; ++i) {
         const __m512i one = _mm512_set1_epi32(static_cast<int>(key[i]));
         const u32 farther = _mm512_cmpgt_epu32_mask(found, one);
-        in_order[__builtin_popcount(farther)] = key[i];
+        in_order[compiler::ones(farther)] = key[i];
       }
       sorted = _mm512_load_si512(in_order);
     }

@@ -202,7 +202,13 @@ void draws(SamplerKind kind, u32 x, u32 y, u32 first, u64 n, u32 dimension, u64 
 }
 
 void filter_offsets(const FilterTable& table, const float* u, u64 n, float* out) {
-  for (u64 i = 0; i < n; ++i) out[i] = filter_offset(table, u[i]);
+  for (u64 first = 0; first < n; first += kBatch) {
+    const u64 count = n - first < kBatch ? n - first : kBatch;
+    float number[kBatch] = {}, offset[kBatch];
+    for (u64 k = 0; k < count; ++k) number[k] = u[first + k];
+    PH_ISA::filter_offsets(table, number, offset);
+    for (u64 k = 0; k < count; ++k) out[first + k] = offset[k];
+  }
 }
 
 }  // namespace

@@ -44,13 +44,13 @@ PH_INLINE u32 intersect(const SphereBlock& block, const Ray& ray, float limit, u
   const Lanes r = load(block.radius), r2 = r * r;
   const Lanes discriminant = r2 - (px * px + py * py + pz * pz);
   const Lanes inside = r2 - (fx * fx + fy * fy + fz * fz);
-  // Those that the line meets, but not where it comes from: ahead, or around the origin.
+  // Of what the line meets a root is above 0 only ahead of the origin, or around it.
   u32 touched = bits(all(0.0f) <= discriminant) & bits(all(0.0f) < max(b, inside));
-  // What leaves a sphere for the outside meets it no more.
+  // What leaves a sphere for the outside meets it no more. kNone falls on bit 31, which is no lane.
   if (!ray.inward) touched &= ~(1u << self_lane % 32);
   if (touched == 0) return 0;
   // Few of sixteen are: their roots one by one are faster than sixteen at once.
-  alignas(64) float along[16], under[16], depth[16];
+  alignas(64) float along[16], under[16], depth[16];  // depth: -c
   store(along, b);
   store(under, discriminant);
   store(depth, inside);

@@ -219,6 +219,7 @@ inline void receive(const SceneView& scene, const RenderView& view, u32 transmit
   ShadowRays rays;
   find_shadow_rays(v, rays);
   Rows<Vec3, kBatch> through;
+  for (u32 k = 0; k < kBatch; ++k) through.set(k, Vec3{1, 1, 1});
   u32 arriving = 0;
   const auto ray_at = [&](u32 k) { return rays.at(k, p, v); };
   if (scene.has_holes) {
@@ -228,7 +229,6 @@ inline void receive(const SceneView& scene, const RenderView& view, u32 transmit
       if (!black(through.at(k))) arriving |= 1u << k;
     });
   } else {
-    for (u32 k = 0; k < kBatch; ++k) through.set(k, Vec3{1, 1, 1});
     stats.rays += compiler::ones(lanes);
     arriving = lanes & ~occluded_each(
                            scene, v.to_light, lanes, ray_at, v.light_distance,

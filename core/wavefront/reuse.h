@@ -10,6 +10,7 @@
 // means would differ. (But for the width at which a texture of the second is seen, that of the path
 // which was there.)
 #pragma once
+#include "../ray_batch.h"
 #include "kinds.h"
 
 namespace parhelion::PH_ISA {

@@ -472,7 +472,7 @@ void plain_materials_are_the_whole() {
       {as_block(principled(0.0f, 0.5f, 1.5f, 1)), as_block(principled(1.0f, 0.2f, 1.5f, 1)),
        as_block(principled(0.4f, 0.0f, 1.3f, 0.5f)), as_block(principled(0.9f, 1.0f, 1.0f, 0)),
        as_block(principled(0.0f, 0.5f, 0.625f, 1)), as_block(principled(0.4f, 0.3f, 0.98f, 1))});
-  for (float Principled::*layer :
+  for (float Principled::* layer :
        {&Principled::transmission, &Principled::clearcoat, &Principled::iridescence,
         &Principled::anisotropy, &Principled::diffuse_roughness}) {
     Principled m = principled(0.5f, 0.5f, 1.5f, 1);

@@ -507,6 +507,48 @@ void solid_angles() {
 // --- Spheres
 // --------------------------------------------------------------------------------------
 
+// From outside, from inside and from far behind; and from where they were met on, as from no other
+// sphere of the block.
+void spheres_are_met_where_long_double_has_them() {
+  int met = 0, around = 0, behind = 0, inward = 0;
+  for (int i = 0; i < 20000; ++i) {
+    const Sphere s = {in_cube(0.5f), i % 3 == 0 ? 0.4f : 0.1f + 0.001f * uniform()};
+    const Vec3 origin = s.center + any_direction() * (s.radius * (i % 2 ? 0.9f : 1.1f + uniform()));
+    const Ray ray = {origin, any_direction(), kNoSlot, false};
+    const Real3 f = real(s.center) - real(ray.origin);
+    const Real b = dot(f, real(ray.direction)) / dot(real(ray.direction), real(ray.direction));
+    const Real3 off = f - real(ray.direction) * b;
+    const Real r = static_cast<Real>(s.radius), under = r * r - dot(off, off);
+    if (std::abs(under) < 1e-3L * r * r) continue;  // rounding decides
+    const Real root = under > 0.0L ? std::sqrt(under) : 0.0L;
+    const Real expected = under < 0.0L ? -1.0L : b - root > 0.0L ? b - root : b + root;
+    float t;
+    const bool hit = hits(s, ray, t);
+    CHECK(hit == (expected > 0.0L));
+    if (i % 2) ++around;
+    if (!hit) {
+      if (under > 0.0L) ++behind;
+      continue;
+    }
+    ++met;
+    CHECK(std::abs(static_cast<Real>(t) - expected) < 1e-5L);
+    float again;
+    CHECK(hits(s, ray, again, false, t) && !hits(s, ray, again, false, t * 0.9999f));
+
+    SurfacePoint at;
+    surface(s, ray, t, at);
+    const Vec3 on = any_direction();
+    const float cosine = dot(on, at.normal);
+    if (std::abs(cosine) < 0.05f) continue;
+    const bool inwards = cosine < 0.0f;
+    CHECK(hits(s, {at.point, on, kNoSlot, inwards}, again, true) == inwards);
+    if (!inwards) continue;
+    ++inward;
+    CHECK(std::abs(again + 2.0f * cosine * s.radius) < 1e-5f);
+  }
+  CHECK(met > 8000 && around > 8000 && behind > 1000 && inward > 3000);
+}
+
 void spheres_have_longitude_and_latitude() {
   const Sphere s = {{0.1f, 0.2f, 0.3f}, 0.25f};
   // Own x is the scene's y, own y its z, own z its x.
@@ -556,6 +598,7 @@ int main() {
     curves_are_met_where_their_spheres_are(2e-3f, 0.02f, 0.05f, flat);
   }
   straight_curves_are_cylinders();
+  spheres_are_met_where_long_double_has_them();
   directions();
   solid_angles();
   spheres_have_longitude_and_latitude();
