@@ -1,7 +1,7 @@
 // Sixteen rays, each of which goes its own way. What all of them begin with, the inverses of their
-// directions, the boxes of the root's children and the order of those that are met, is worked out
-// for all before any walks on, so that a processor has several under way; after that each walks
-// alone.
+// directions, the boxes of the root's children and (stack.h) the order of those that are met, is
+// worked out for all before any walks on, so that a processor has several under way; after that
+// each walks alone.
 #pragma once
 #include "rows.h"
 #include "traverse.h"
@@ -44,20 +44,16 @@ PH_INLINE u32 walk_each(const SceneView& scene, const Rows<Vec3, kBatch>& direct
   SlabRows slabs;
   find_slabs(direction, slabs);
   const Node& root = scene.nodes[scene.root];
-  Stack::Ordered first[kBatch];
+  Stack::Start start[kBatch];
   for_each_bit(lanes, [&](u32 k) {
     Lanes near;
     const Slabs own = slabs.at(k, ray_at(k).origin);
     const u32 met = test_boxes(root, own, best[k].hit.t * kSlabSlack, near);
-    if constexpr (kAny) {
-      Stack::list(root, met, first[k]);
-    } else {
-      Stack::order(root, near, met, first[k]);
-    }
+    Stack::prepare<kAny>(root, near, met, start[k]);
   });
   for_each_bit(lanes, [&](u32 k) {
     const Ray ray = ray_at(k);
-    const bool hit = walk_from<kAny>(scene, first[k], slabs.at(k, ray.origin), ray, best[k]);
+    const bool hit = walk_from<kAny>(scene, start[k], slabs.at(k, ray.origin), ray, best[k]);
     any |= (hit ? 1u : 0u) << k;
   });
   return any;

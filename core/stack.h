@@ -22,29 +22,33 @@ class Stack {
   };
   PH_INLINE explicit Stack(Room& room) : near_(room.near), child_(room.child) {}
 
-  // Children of a node as they lie there.
-  struct alignas(64) Ordered {
+  // What a walk begins with: the children of one node, as they will lie there.
+  struct alignas(64) Start {
     u32 near[16];
     Child child[16];
     u32 count;
   };
-  // A bit for each in `hits`; near: where the ray enters their boxes.
-  PH_INLINE static void order(const Node& node, const Lanes& near, u32 hits, Ordered& out) {
-    out.count = order(node, near, hits, out.near, out.child);
+  // A bit for each child in `hits`; near: where the ray enters their boxes.
+  template <bool kAny>
+  PH_INLINE static void prepare(const Node& node, const Lanes& near, u32 hits, Start& out) {
+    if constexpr (kAny) {
+      const __m512i children = _mm512_load_si512(node.child);
+      _mm512_store_si512(out.child,
+                         _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits), children));
+      out.count = compiler::ones(hits);
+    } else {
+      out.count = order(node, near, hits, out.near, out.child);
+    }
   }
-  // In their order in the node, the last on top.
-  PH_INLINE static void list(const Node& node, u32 hits, Ordered& out) {
-    const __m512i children = _mm512_load_si512(node.child);
-    _mm512_store_si512(out.child,
-                       _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits), children));
-    out.count = compiler::ones(hits);
-  }
-  // What there are of them on an empty stack, but for the uppermost, which is returned.
-  PH_INLINE Child begin(const Ordered& first) {
-    _mm512_storeu_si512(near_, _mm512_load_si512(first.near));
-    _mm512_storeu_si512(child_, _mm512_load_si512(first.child));
-    size_ = first.count - 1;
-    return first.child[size_];
+  // Puts them on an empty stack, but for the next. False if there is none.
+  template <bool kAny>
+  PH_INLINE bool begin(const Start& start, Child& next) {
+    if (start.count == 0) return false;
+    if constexpr (!kAny) _mm512_storeu_si512(near_, _mm512_load_si512(start.near));
+    _mm512_storeu_si512(child_, _mm512_load_si512(start.child));
+    size_ = start.count - 1;
+    next = start.child[size_];
+    return true;
   }
 
   // Children of a node, a bit for each in `hits`, of which there are two or more; near: where the
@@ -134,27 +138,38 @@ class Stack {
   };
   PH_INLINE explicit Stack(Room& room) : first_(room.entry), top_(room.entry) {}
 
-  struct Ordered {
-    u64 entry[16];
-    u32 count;
+  // Without AVX-512 sorting has branches, and is left to each walk.
+  struct Start {
+    alignas(64) float near[16];
+    const Node* node;
+    u32 hits;
   };
-  PH_INLINE static void order(const Node& node, const Lanes& near, u32 hits, Ordered& out) {
-    out.count = static_cast<u32>(order(node, near, hits, out.entry) - out.entry);
+  template <bool kAny>
+  PH_INLINE static void prepare(const Node& node, const Lanes& near, u32 hits, Start& out) {
+    if constexpr (!kAny) store(out.near, near);
+    out.node = &node, out.hits = hits;
   }
-  PH_INLINE static void list(const Node& node, u32 hits, Ordered& out) {
-    out.count = 0;
-    for_each_bit(hits, [&](u32 k) { out.entry[out.count++] = node.child[k]; });
-  }
-  PH_INLINE Child begin(const Ordered& first) {
-    const u32 rest = first.count - 1;
-    for (u32 i = 0; i < rest; ++i) first_[i] = first.entry[i];
-    top_ = first_ + rest;
-    return static_cast<Child>(first.entry[rest]);
+  template <bool kAny>
+  PH_INLINE bool begin(const Start& start, Child& next) {
+    if (start.hits == 0) return false;
+    if constexpr (kAny) return push(*start.node, start.hits, next);
+    next = push(*start.node, load(start.near), start.hits);
+    return true;
   }
 
   PH_INLINE Child push(const Node& node, const Lanes& near, u32 hits) {
-    top_ = order(node, near, hits, top_) - 1;
-    return static_cast<Child>(*top_);
+    alignas(64) float at[16];
+    store(at, near);
+    u64* const start = top_;
+    for_each_bit(hits, [&](u32 k) {
+      // Insertion sort, farthest first: of floats that are not negative the order is that of their
+      // bits, which are an entry's upper half.
+      const u64 e = static_cast<u64>(__builtin_bit_cast(u32, at[k])) << 32 | node.child[k];
+      u64* place = top_++;
+      for (; place != start && place[-1] < e; --place) *place = place[-1];
+      *place = e;
+    });
+    return static_cast<Child>(*--top_);
   }
   PH_INLINE bool push(const Node& node, u32 hits, Child& next) {
     if (hits == 0) return false;
@@ -182,22 +197,6 @@ class Stack {
   }
 
  private:
-  // Returns the end.
-  PH_INLINE static u64* order(const Node& node, const Lanes& near, u32 hits, u64* to) {
-    alignas(64) float at[16];
-    store(at, near);
-    u64* end = to;
-    for_each_bit(hits, [&](u32 k) {
-      // Insertion sort, farthest first: of floats that are not negative the order is that of their
-      // bits, which are an entry's upper half.
-      const u64 e = static_cast<u64>(__builtin_bit_cast(u32, at[k])) << 32 | node.child[k];
-      u64* place = end++;
-      for (; place != to && place[-1] < e; --place) *place = place[-1];
-      *place = e;
-    });
-    return end;
-  }
-
   u64* const first_;
   u64* top_;
 };

@@ -198,12 +198,12 @@ inline bool walk_tree(const SceneView& scene, Child root, const Ray& ray, Neares
 
 // From some children of a node on.
 template <bool kAny>
-inline bool walk_from(const SceneView& scene, const Stack::Ordered& first, const Slabs& slabs,
+inline bool walk_from(const SceneView& scene, const Stack::Start& start, const Slabs& slabs,
                       const Ray& ray, NearestHit& best) {
-  if (first.count == 0) return false;
   Stack::Room room;
   Stack stack(room);
-  const Child next = stack.begin(first);
+  Child next;
+  if (!stack.begin<kAny>(start, next)) return false;
   return walk_on<kAny, false>(scene, next, stack, slabs, ray, best);
 }
 
