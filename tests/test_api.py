@@ -615,7 +615,7 @@ def test_other_threads_run_while_it_renders() -> None:
     thread = threading.Thread(target=run)
     thread.start()
     begin = time.monotonic()
-    image = ph.render(ph.weekend(), width=240, spp=24, threads=1)
+    image = ph.render(ph.weekend(), width=240, spp=96, threads=1)
     end = time.monotonic()
     over.set()
     thread.join()

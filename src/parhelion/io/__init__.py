@@ -82,7 +82,7 @@ COMPRESSED = (".gz", ".bz2", ".xz")
 # factors are those of stages without.
 TAKEN = {
     ".json": 11.0,
-    ".npz": 4.5,
+    ".npz": 5.0,
     ".gro": 11.5,
     ".pdb": 8.5,
     ".gltf": 4.0,
