@@ -228,7 +228,7 @@ def test_a_limit_of_the_users_for_files(tmp_path: Path, capsys: pytest.CaptureFi
     words = ["render", str(file), "-q", "--width", "8", "--spp", "1"]
     words += ["-o", str(tmp_path / "a.png"), "--memory-limit"]
     assert cli.main([*words, "1M"]) == 2
-    assert "reading a.npz takes 21 MiB, and 0 MiB are left of --mem" in capsys.readouterr().err
+    assert "reading a.npz takes 23 MiB, and 0 MiB are left of --mem" in capsys.readouterr().err
     assert cli.main([*words, "16G"]) == 0
 
 
