@@ -121,12 +121,10 @@ inline void intersect_close(const SceneView& scene, const Rows<Vec3, kBatch>& or
   const bool bounded =
       lanes != 0 && (scene.root & kLeafBit) == 0 && bounds_of(origin, direction, lanes, bounds);
   if (!bounded) {
-    float limit[kBatch];
-    for (float& most : limit) most = kInfinity;
     const auto ray_at = [&](u32 k) -> Ray {
       return {origin.at(k), direction.at(k), kNoSlot, false};
     };
-    intersect_each(scene, direction, lanes, ray_at, limit, true, hit);
+    intersect_each(scene, direction, lanes, ray_at, true, hit);
     return;
   }
   Packet rays;

@@ -79,5 +79,13 @@ PH_INLINE void intersect_each(const SceneView& scene, const Rows<Vec3, kBatch>& 
   walk_each<false>(scene, direction, lanes, ray_at, tree, best);
   for_each_bit(lanes, [&](u32 k) { hit[k] = best[k].hit; });
 }
+// However far away.
+template <class RayAt>
+PH_INLINE void intersect_each(const SceneView& scene, const Rows<Vec3, kBatch>& direction,
+                              u32 lanes, RayAt&& ray_at, bool tree, Hit (&hit)[kBatch]) {
+  float limit[kBatch];
+  for (float& most : limit) most = kInfinity;
+  intersect_each(scene, direction, lanes, ray_at, limit, tree, hit);
+}
 
 }  // namespace parhelion::PH_ISA

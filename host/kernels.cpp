@@ -86,23 +86,25 @@ Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, 
   return radiance(scene, view, x, y, sample, stats);
 }
 
-// Calls f(first, lanes, directions) for each sixteen of many rays.
+// Calls f(first, lanes, directions, limits) for each sixteen of many rays.
 template <class F>
-void for_each_batch(const Ray* rays, u64 n, F&& f) {
+void for_each_batch(const Ray* rays, const float* limit, u64 n, F&& f) {
   for (u64 first = 0; first < n; first += kBatch) {
     const u32 count = n - first < kBatch ? static_cast<u32>(n - first) : kBatch;
     Rows<Vec3, kBatch> direction = {};
-    for (u32 k = 0; k < count; ++k) direction.set(k, rays[first + k].direction);
-    f(first, (1u << count) - 1, direction);
+    float most[kBatch] = {};
+    for (u32 k = 0; k < count; ++k) {
+      direction.set(k, rays[first + k].direction);
+      most[k] = limit[first + k];
+    }
+    f(first, (1u << count) - 1, direction, most);
   }
 }
 
 void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
                    Hit* hits) {
-  for_each_batch(rays, n, [&](u64 first, u32 lanes, const Rows<Vec3, kBatch>& direction) {
-    float most[kBatch];
+  for_each_batch(rays, limit, n, [&](u64 first, u32 lanes, const auto& direction, auto& most) {
     Hit hit[kBatch];
-    for_each_bit(lanes, [&](u32 k) { most[k] = limit[first + k]; });
     intersect_each(
         scene, direction, lanes, [&](u32 k) { return rays[first + k]; }, most, tree, hit);
     for_each_bit(lanes, [&](u32 k) { hits[first + k] = hit[k]; });
@@ -111,9 +113,7 @@ void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, 
 
 void occluded_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
                   u8* result) {
-  for_each_batch(rays, n, [&](u64 first, u32 lanes, const Rows<Vec3, kBatch>& direction) {
-    float most[kBatch];
-    for_each_bit(lanes, [&](u32 k) { most[k] = limit[first + k]; });
+  for_each_batch(rays, limit, n, [&](u64 first, u32 lanes, const auto& direction, auto& most) {
     const u32 any = occluded_each(
         scene, direction, lanes, [&](u32 k) { return rays[first + k]; }, most,
         [](u32) { return kNoSlot; }, tree);

@@ -81,10 +81,7 @@ inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, bo
   if (close && view.tree) {
     intersect_close(scene, p.origin, p.direction, wave.alive, hit);
   } else {
-    float limit[kBatch];
-    for (float& most : limit) most = kInfinity;
-    intersect_each(
-        scene, p.direction, wave.alive, [&](u32 k) { return p.ray(k); }, limit, view.tree, hit);
+    intersect_each(scene, p.direction, wave.alive, [&](u32 k) { return p.ray(k); }, view.tree, hit);
   }
   u32 left = 0;
   for_each_bit(wave.alive, [&](u32 k) {

@@ -327,10 +327,9 @@ void rays_together_meet_what_each_meets() {
       bounded += bounds_of(origin, direction, lanes, bounds) ? 1 : 0;
       const auto ray_at = [&](u32 k) { return Ray{origin.at(k), direction.at(k), kNoSlot, false}; };
       Hit apart[kBatch];
-      float limit[kBatch];
-      for (float& most : limit) most = kInfinity;
-      intersect_each(scene.view(), direction, lanes, ray_at, limit, true, apart);
+      intersect_each(scene.view(), direction, lanes, ray_at, true, apart);
       // And whether anything but the nearest is met before that, or not much farther away.
+      float limit[kBatch];
       for_each_bit(lanes, [&](u32 k) { limit[k] = hit[k].t * (k % 2 ? 1.5f : 1.0f); });
       const u32 hidden = occluded_each(
           scene.view(), direction, lanes, ray_at, limit, [&](u32 k) { return hit[k].slot; }, true);

@@ -507,8 +507,7 @@ void solid_angles() {
 // --- Spheres
 // --------------------------------------------------------------------------------------
 
-// From outside, from inside and from far behind; and from where they were met on, as from no other
-// sphere of the block.
+// From outside, from inside and turned away from them; and from where they were met on.
 void spheres_are_met_where_long_double_has_them() {
   int met = 0, around = 0, behind = 0, inward = 0;
   for (int i = 0; i < 20000; ++i) {
