@@ -71,7 +71,7 @@ PH_INLINE Vec3 base_value(Vec3 color, float ior, float nonlinear, float inside, 
   return Vec3{base(color.x), base(color.y), base(color.z)} * (through * cosine / (ior * ior));
 }
 
-// That a sample goes to the coat
+// That a sample goes to the coat, `specular` being what counts of its reflection
 PH_INLINE float coat_chance(Vec3 color, Vec3 specular, float through) {
   const float a = (1.0f - through) * mean(specular), b = through * mean(color), sum = a + b;
   return sum > 0.0f ? a / sum : 1.0f;
@@ -93,17 +93,20 @@ PH_INLINE float reflected(const SmoothPlastic& m, Vec3 w) {
   return fresnel_dielectric(min(abs(w.z), 1.0f), m.ior).reflected;
 }
 
+// Light samples find what reaches the base from lamps, but never what the coat mirrors of them, so
+// the coat counts for more than what it reflects. How much more was measured (docs/performance.md).
+inline constexpr float kMirrorCounts = 2.0f;
+PH_INLINE LobeChances lobes(const SmoothPlastic& m, Vec3 wo) {
+  const float coat = coat_chance(m.color, m.specular * kMirrorCounts, 1.0f - reflected(m, wo));
+  return {coat, 1.0f - coat};
+}
+
 PH_INLINE PlasticValue evaluate(const SmoothPlastic& m, Vec3 wo, Vec3 wi) {
   const float same_side = wo.z * wi.z > 0.0f ? 1.0f : 0.0f, from = 1.0f - reflected(m, wo);
   const float cosine = cosine_hemisphere_pdf({wi.x, wi.y, abs(wi.z)}) * same_side;
   const float through = from * (1.0f - reflected(m, wi));
   return {base_value(m.color, m.ior, m.nonlinear, m.inside, through, cosine),
-          (1.0f - coat_chance(m.color, m.specular, from)) * cosine};
-}
-
-PH_INLINE LobeChances lobes(const SmoothPlastic& m, Vec3 wo) {
-  const float coat = coat_chance(m.color, m.specular, 1.0f - reflected(m, wo));
-  return {coat, 1.0f - coat};
+          lobes(m, wo).other * cosine};
 }
 
 PH_INLINE bool sample(const SmoothPlastic& m, Vec3 wo, const PickedLobe& lobe, BsdfSample& out) {
