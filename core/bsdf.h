@@ -28,6 +28,10 @@
 //     from(f, wo), to(f, wi)          look it up, for one path after the other
 //     evaluate(f, from, to, wo, wi)
 //     choose(f, from, wo, u, wi)      the direction of a sample; false where the path ends
+//                           A form with a matte part, which scatters by one factor of wo and
+//                           another of wi, may have
+//     let_out(f, wo)        the former, and, if it needs tables,
+//     matte(f, from, to, wo, wi)      what that part adds to the value
 #pragma once
 #include "entry.h"
 #include "random.h"

@@ -39,10 +39,10 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   Kinds kinds;
   u32 asking = 0;
   const u32 scattering = approach(scene, wave, v, meeting, kinds, asking, watch);
+  u32 joining = 0;
   if (wave.groups) {
-    const u32 matte = lambertian(kinds);
-    join_groups(wave, v, matte);
-    start_groups(wave, v, matte);
+    joining = join_groups(wave, kinds, v);
+    start_groups(wave, kinds, v);
   }
   if (scattering == 0) return;
   BounceDraws draws = {};
@@ -60,7 +60,9 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
       if (p.depth[k] == 1) wave.note_direct(k);
     });
   }
-  const u32 on = scatter(scene, view, kinds, scattering, draws, v, p);
+  u32 mirrored = 0;
+  const u32 on = scatter(scene, view, kinds, scattering, draws, v, p, mirrored);
+  if (wave.groups) divide_light(wave, kinds, v, joining, mirrored);
   for_each_bit(scattering, [&](u32 k) {
     watch(Step::scatters, wave, &v, k, (on >> k & 1u) != 0 ? Fate::passes : Fate::ends);
   });

@@ -136,8 +136,7 @@ class RegionSamples {
   }
   void end(u32 tag, Vec3 light) {
     PathGroup& g = pool_[tag / kReused];
-    g.gathered.set(tag % kReused, light);
-    if (--g.going != 0) return;
+    if (!leave_group(g, tag % kReused, light)) return;
     Vec3 radiance[kReused];
     share_out(scene_, view_, g, radiance, stats_);
     for (u32 i = 0; i < g.count; ++i) {
@@ -200,8 +199,8 @@ class RegionSamples {
     const u64 place = static_cast<u64>(region_.y) << 32 | region_.x;
     const u64 key = mix(mix(place) + view_.seed + sample / kRegionSamples);
     const u32 parity = number % 2, first = number / 2 * kReused;
+    g.clear();
     g.sample = sample;
-    g.count = g.starts = g.joins = 0;
     bool any = false;
     for (u32 m = 0; m < kReused; ++m) {
       const u32 i = pixel_in_region(key, parity, first + m);

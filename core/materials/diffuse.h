@@ -32,6 +32,8 @@ struct PlainDiffuse {
   PH_INLINE Diffuse whole() const { return {color, 0.0f}; }
 };
 
+PH_INLINE float let_out(const PlainDiffuse&, Vec3) { return 1.0f; }
+
 PH_INLINE bool is_delta(const Diffuse&) { return false; }
 
 PH_INLINE float pdf(const Diffuse&, Vec3 wo, Vec3 wi) {

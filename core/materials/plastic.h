@@ -93,6 +93,8 @@ PH_INLINE float reflected(const SmoothPlastic& m, Vec3 w) {
   return fresnel_dielectric(min(abs(w.z), 1.0f), m.ior).reflected;
 }
 
+PH_INLINE float let_out(const SmoothPlastic& m, Vec3 wo) { return 1.0f - reflected(m, wo); }
+
 // Light samples find what reaches the base from lamps, but never what the coat mirrors of them, so
 // the coat counts for more than what it reflects. How much more was measured (docs/performance.md).
 inline constexpr float kMirrorCounts = 2.0f;
@@ -174,6 +176,19 @@ template <Facets kDistribution>
 inline auto to(const RoughPlastic<kDistribution>& m, Vec3 wi) {
   const Plastic whole = m.whole();
   return typename RoughPlastic<kDistribution>::To{let_in(whole, coat(whole), wi)};
+}
+
+template <Facets kDistribution>
+inline float let_out(const RoughPlastic<kDistribution>& m, Vec3 wo) {
+  return to(m, wo).let_in;
+}
+template <Facets kDistribution>
+inline Vec3 matte(const RoughPlastic<kDistribution>& m,
+                  const typename RoughPlastic<kDistribution>::From& seen,
+                  const typename RoughPlastic<kDistribution>::To& to, Vec3 wo, Vec3 wi) {
+  const float same_side = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
+  const float cosine = cosine_hemisphere_pdf({wi.x, wi.y, abs(wi.z)}) * same_side;
+  return base_value(m.color, m.ior, m.nonlinear, seen.inside, seen.let_in * to.let_in, cosine);
 }
 
 template <Facets kDistribution>

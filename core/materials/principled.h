@@ -251,6 +251,13 @@ PH_INLINE BsdfValue evaluate(const PlainPrincipled& m, const PlainPrincipled::Fr
   return {v.value * above, v.pdf * above};
 }
 
+inline float let_out(const PlainPrincipled& m, Vec3 wo) { return 1.0f - from(m, wo).gloss_share; }
+PH_INLINE Vec3 matte(const PlainPrincipled& m, const PlainPrincipled::From& seen,
+                     const PlainPrincipled::To&, Vec3 wo, Vec3 wi) {
+  const float above = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
+  return base(m, seen).matte * eval(Diffuse{m.color, 0.0f}, wo, wi) * above;
+}
+
 PH_INLINE bool choose(const PlainPrincipled& m, const PickedLobe& lobe, Vec3 wo, Vec3& wi) {
   const Vec3 above = {wo.x, wo.y, abs(wo.z)};
   const Vec3 mirror = mirrored(above, sample_visible_normal(facets(m), above, lobe.number));

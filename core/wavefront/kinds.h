@@ -40,9 +40,33 @@ PH_INLINE void plain_and_others(const Kinds& kinds, u32 lanes, Together&& togeth
 
 // What tables have of directions, for plain forms that need them.
 template <NeedsTables Form>
-inline void look_up(u32 lanes, const Vertices& v, const Rows<Vec3, kBatch>& wi,
+inline void look_up(u32 lanes, const PlainSurfaces& v, const Rows<Vec3, kBatch>& wi,
                     Rows<TableBlock, kBatch>& tables) {
   for_each_bit(lanes, [&](u32 k) { tables.set(k, to(v.plain.at<Form>(k), wi.at(k))); });
+}
+
+// What surfaces of one plain form scatter from wo towards wi.
+template <class Form>
+PH_APART inline void value_of_plain(const u32 (&__restrict these)[kBatch],
+                                    const Rows<TableBlock, kBatch>& __restrict to,
+                                    PlainSurfaces& __restrict v) {
+  // In a loop of its own, so that compilers do not move it into branches of the next.
+  Rows<BsdfValue, kBatch> all;
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Form form = v.plain.at<Form>(k);
+    const Vec3 wo = v.local_wo.at(k), wi = v.local_wi.at(k);
+    if constexpr (NeedsTables<Form>) {
+      all.set(k, evaluate(form, v.from.at<typename Form::From>(k), to.at<typename Form::To>(k), wo,
+                          wi));
+    } else {
+      all.set(k, value_of(form.whole(), wo, wi));
+    }
+  }
+  for (u32 k = 0; k < kBatch; ++k) {
+    const bool own = these[k] != 0;
+    const BsdfValue f = all.at(k), before = v.scattered.at(k);
+    v.scattered.set(k, BsdfValue{select(own, f.value, before.value), own ? f.pdf : before.pdf});
+  }
 }
 
 }  // namespace parhelion::PH_ISA

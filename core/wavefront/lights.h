@@ -122,29 +122,6 @@ PH_APART inline void weigh_lights(Vertices& v) {
   }
 }
 
-template <class Form>
-PH_APART inline void value_of_plain(const u32 (&__restrict these)[kBatch],
-                                    const Rows<TableBlock, kBatch>& __restrict to,
-                                    Vertices& __restrict v) {
-  // In a loop of its own, so that compilers do not move it into branches of the next.
-  Rows<BsdfValue, kBatch> all;
-  for (u32 k = 0; k < kBatch; ++k) {
-    const Form form = v.plain.at<Form>(k);
-    const Vec3 wo = v.local_wo.at(k), wi = v.local_wi.at(k);
-    if constexpr (NeedsTables<Form>) {
-      all.set(k, evaluate(form, v.from.at<typename Form::From>(k), to.at<typename Form::To>(k), wo,
-                          wi));
-    } else {
-      all.set(k, value_of(form.whole(), wo, wi));
-    }
-  }
-  for (u32 k = 0; k < kBatch; ++k) {
-    const bool own = these[k] != 0;
-    const BsdfValue f = all.at(k), before = v.scattered.at(k);
-    v.scattered.set(k, BsdfValue{select(own, f.value, before.value), own ? f.pdf : before.pdf});
-  }
-}
-
 // How much of the light surfaces scatter towards wo; returns the lanes of those that do any.
 inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v) {
   u32 fits[kBatch];

@@ -160,9 +160,10 @@ PH_APART inline void send_on(const u32 (&__restrict these)[kBatch], const Sample
   }
 }
 
-// Scatters the paths of `lanes`; returns those that go on.
+// Scatters the paths of `lanes`; returns those that go on, and in `mirrored` those of them that no
+// density tells the way of.
 inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& kinds, u32 lanes,
-                   const BounceDraws& draws, const Vertices& v, Paths& p) {
+                   const BounceDraws& draws, const Vertices& v, Paths& p, u32& mirrored) {
   Sampled next = {};
   for_each_kind(kinds, [&]<class Material>(u32 own) {
     plain_and_others<Material>(
@@ -204,6 +205,7 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
           view.roulette ? kRouletteStart : kNone, goes, p);
   for_each_bit(lanes, [&](u32 k) {
     on |= goes[k] << k;
+    mirrored |= (goes[k] & next.delta[k]) << k;
     p.self[k] = p.slot[k];
   });
   for_each_bit(kinds.transmitting & on, [&](u32 k) {

@@ -29,8 +29,17 @@ struct alignas(4) PreparedBlock {
   }
 };
 
+// What materials in plain forms scatter at sixteen surfaces.
+struct PlainSurfaces {
+  Rows<PlainBlock, kBatch> plain;
+  Rows<TableBlock, kBatch> from;  // what tables have of local_wo, of forms that need them
+  Rows<Frame, kBatch> frame;      // in which the surface scatters
+  Rows<Vec3, kBatch> local_wo, local_wi;
+  Rows<BsdfValue, kBatch> scattered;
+};
+
 // Where paths have met surfaces: what one step of a bounce hands on to the next.
-struct Vertices {
+struct Vertices : PlainSurfaces {
   // As in Surface
   Rows<Vec3, kBatch> point, normal, shading;
   Rows<Vec2, kBatch> parameter;
@@ -52,11 +61,7 @@ struct Vertices {
   ParamBlock own[kBatch];
   Texel emission[kBatch];  // what the texture of what it gives off has here, if it has one
   Texel mapped[kBatch];    // and the map of its normals, if it has one
-  Rows<PlainBlock, kBatch> plain;
-  Rows<TableBlock, kBatch> from;  // what tables have of local_wo, of plain forms that need them
   PreparedBlock prepared[kBatch];
-  Rows<Frame, kBatch> frame;  // in which the surface scatters
-  Rows<Vec3, kBatch> local_wo;
   Rows<Receiver, kBatch> receiver;
 
   // As in DirectSample
@@ -64,10 +69,9 @@ struct Vertices {
   float light_distance[kBatch], light_pdf[kBatch];
   u32 light_delta[kBatch];
   Slot light_slot[kBatch];
-  Rows<Vec3, kBatch> local_wi;  // towards the light
-  Rows<BsdfValue, kBatch> scattered;
-  Rows<Vec3, kBatch> value;  // the light's radiance, scattered towards wo
-  float scale[kBatch];       // its weight over its density
+  // Of the light's radiance, local_wi being towards it: what is scattered towards wo
+  Rows<Vec3, kBatch> value;
+  float scale[kBatch];  // its weight over its density
 
   PH_INLINE void set_surface(u32 k, const Surface& s) {
     point.set(k, s.point);
