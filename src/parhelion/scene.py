@@ -335,11 +335,11 @@ class Settings:
     all). backdrop: linear RGB that the camera sees where there is nothing, None for the light that
     comes from there; things are lit by that light all the same. clamp_indirect: the largest
     radiance that light may bring to a sample after it was scattered more than once, None for any;
-    it takes fireflies away, and the picture is darker than the truth then. reuse_paths: matte
-    surfaces that pixels close by see use the light that paths of each other have found, from the
-    second matte surface on (Bekaert, Sbert and Halton, "Accelerating Path Tracing by Re-Using
-    Paths", 2002): much less noise where light has been around, for more time a sample; the mean is
-    the same. Without effect in scenes with holes: opacity below 1, thin clear surfaces.
+    it takes fireflies away, and the picture is darker than the truth then. reuse_paths: pixels use
+    the light that paths of others close by have found, on the second surface if it is matte, under
+    gloss or not, and from there on (Bekaert, Sbert and Halton, "Accelerating Path Tracing by
+    Re-Using Paths", 2002): much less noise where light has been around, for more time a sample; the
+    mean is the same. Without effect in scenes with holes: opacity below 1, thin clear surfaces.
     """
 
     width: int = 640

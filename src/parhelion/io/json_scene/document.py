@@ -522,7 +522,8 @@ class Settings(Struct, forbid_unknown_fields=True):
         _doc("the most that light brings to a sample after more than one scattering; darkens"),
     ] = model.Settings.clamp_indirect
     reuse_paths: Annotated[
-        bool, _doc("matte surfaces use the light that paths of pixels close by have found")
+        bool,
+        _doc("pixels use the light that paths of others close by have found on matte surfaces"),
     ] = model.Settings.reuse_paths
 
 
