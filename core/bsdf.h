@@ -14,6 +14,8 @@
 //   evaluate(m, wo, wi)     eval and pdf, as `value` and `pdf`, if they are cheaper together
 //   albedo(m)               for features, if the colour is not good enough
 //   emitted(m)              radiance, only if it shines
+//   float mirror_pull       behind its parameters, 0 in blocks, if it chooses by chance what to
+//                           mirror: how much more often than by its share it does
 //   prepare(m, wo)          a struct of what depends on m and wo alone, if that is much: then there
 //                           are evaluate(m, prepared, wo, wi) and sample(m, prepared, wo, u, out)
 //                           instead of those without it

@@ -113,6 +113,17 @@ PH_INLINE bool consistent(Vec3 normal, Vec3 wo, Vec3 wi, Vec3 local_wo, Vec3 loc
   return (local_wo.z * local_wi.z > 0.0f) == (dot(wo, normal) * dot(wi, normal) > 0.0f);
 }
 
+// Light samples find what lamps send to the base of plastic, but not what its clear coat mirrors of
+// them, which so is most of the noise: it is followed more often than by what it reflects, and the
+// more so where no camera looks straight at it. In glass, through which lamps are seen, too, by
+// less. Without lamps its share is best. How much was measured (docs/performance.md).
+template <class Material>
+PH_INLINE void pull_to_mirror(const SceneView& scene, u32 depth, Material& m) {
+  if constexpr (requires { m.mirror_pull; }) {
+    if (asks_for_light(scene)) m.mirror_pull = kTransmits<Material> || depth == 1 ? 0.5f : 2.0f;
+  }
+}
+
 // --- Light ------------------------------------------------------------------------------------
 
 // Share of the light that gets through to `distance`, past holes and clear surfaces; 0 or 1 where

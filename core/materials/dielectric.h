@@ -14,6 +14,7 @@ struct Dielectric {
   float ior, roughness, anisotropy, distribution, compensation;
   Vec3 reflectance, transmittance;
   float dispersion;
+  float mirror_pull;
 
   using Plain = PlainForms<struct PlainDielectric>;
   static constexpr bool transmits = true;
@@ -41,13 +42,14 @@ struct PlainDielectric {
   Vec3 color;
   float ior;
   Vec3 reflectance, transmittance;
+  float mirror_pull;
 
   PH_INLINE static bool fits(const Dielectric& m) { return m.roughness == 0.0f; }
   PH_INLINE static PlainDielectric of(const Dielectric& m) {
-    return {m.color, m.ior, m.reflectance, m.transmittance};
+    return {m.color, m.ior, m.reflectance, m.transmittance, m.mirror_pull};
   }
   PH_INLINE Dielectric whole() const {
-    return {color, ior, 0.0f, 0.0f, 0.0f, 0.0f, reflectance, transmittance, 0.0f};
+    return {color, ior, 0.0f, 0.0f, 0.0f, 0.0f, reflectance, transmittance, 0.0f, mirror_pull};
   }
 };
 
@@ -141,13 +143,16 @@ PH_INLINE bool sample(const Dielectric& m, const SeenDielectric& seen, Vec3 wo, 
       delta ? Vec3{0, 0, 1} : sample_visible_normal(seen.facets, above, u.direction);
   const float facing = dot(above, normal);
   const Fresnel f = fresnel_dielectric(clamp(facing, 0.0f, 1.0f), eta);
-  const bool reflects = u.lobe < f.reflected;
+  const float pull = delta ? 1.0f + m.mirror_pull : 1.0f, pulled = f.reflected * pull;
+  const float sum = pulled + (1.0f - f.reflected);
+  const bool reflects = u.lobe * sum < pulled;
   const float scale = 1.0f / eta;
   if (delta) {
     out.delta = true;
     out.wi =
         reflects ? Vec3{-wo.x, -wo.y, wo.z} : Vec3{-wo.x * scale, -wo.y * scale, -side * f.cos_t};
-    out.weight = m.color * (reflects ? m.reflectance : m.transmittance * (scale * scale));
+    out.weight = m.color * (reflects ? m.reflectance * (sum / pull)
+                                     : m.transmittance * (scale * scale * sum));
     if (!reflects) out.eta = eta;
     return true;
   }

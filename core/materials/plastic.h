@@ -19,6 +19,7 @@ struct RoughPlastic;
 struct Plastic {
   Vec3 color, specular;
   float ior, roughness, distribution, nonlinear, compensation;
+  float mirror_pull;
 
   using Plain =
       PlainForms<struct SmoothPlastic, RoughPlastic<Facets::ggx>, RoughPlastic<Facets::beckmann>>;
@@ -80,11 +81,11 @@ PH_INLINE float coat_chance(Vec3 color, Vec3 specular, float through) {
 // Under a smooth coat
 struct SmoothPlastic {
   Vec3 color, specular;
-  float ior, nonlinear, inside;
+  float ior, nonlinear, inside, mirror_pull;
 
   PH_INLINE static bool fits(const Plastic& m) { return smooth(facets(m)); }
   PH_INLINE static SmoothPlastic of(const Plastic& m) {
-    return {m.color, m.specular, m.ior, m.nonlinear, thrown_back(m, coat(m))};
+    return {m.color, m.specular, m.ior, m.nonlinear, thrown_back(m, coat(m)), m.mirror_pull};
   }
   PH_INLINE SmoothPlastic whole() const { return *this; }
 };
@@ -95,11 +96,9 @@ PH_INLINE float reflected(const SmoothPlastic& m, Vec3 w) {
 
 PH_INLINE float let_out(const SmoothPlastic& m, Vec3 wo) { return 1.0f - reflected(m, wo); }
 
-// Light samples find what reaches the base from lamps, but never what the coat mirrors of them, so
-// the coat counts for more than what it reflects. How much more was measured (docs/performance.md).
-inline constexpr float kMirrorCounts = 2.0f;
 PH_INLINE LobeChances lobes(const SmoothPlastic& m, Vec3 wo) {
-  const float coat = coat_chance(m.color, m.specular * kMirrorCounts, 1.0f - reflected(m, wo));
+  const float through = 1.0f - reflected(m, wo);
+  const float coat = coat_chance(m.color, m.specular * (1.0f + m.mirror_pull), through);
   return {coat, 1.0f - coat};
 }
 
@@ -162,7 +161,7 @@ struct RoughPlastic {
   }
   PH_INLINE Plastic whole() const {
     const float distribution = static_cast<float>(kDistribution);
-    return {color, specular, ior, roughness, distribution, nonlinear, compensation};
+    return {color, specular, ior, roughness, distribution, nonlinear, compensation, 0.0f};
   }
 };
 
@@ -233,7 +232,7 @@ inline SeenPlastic prepare(const Plastic& m, Vec3 wo) {
 }
 
 PH_INLINE SmoothPlastic smooth_plastic(const Plastic& m, const SeenPlastic& seen) {
-  return {m.color, m.specular, m.ior, m.nonlinear, seen.inside};
+  return {m.color, m.specular, m.ior, m.nonlinear, seen.inside, m.mirror_pull};
 }
 
 inline PlasticValue evaluate(const Plastic& m, const SeenPlastic& seen, Vec3 wo, Vec3 wi) {

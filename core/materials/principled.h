@@ -311,7 +311,8 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   l.facets = microfacets(roughness, m.anisotropy, 0.0f);
   l.body = {m.color, m.diffuse_roughness};
   const float ior = scaled_index(m.ior, m.specular);
-  l.inner = {{1, 1, 1}, ior, roughness, m.anisotropy, 0.0f, 0.0f, m.specular_color, m.color, 0.0f};
+  l.inner = {{1, 1, 1},        ior,     roughness, m.anisotropy, 0.0f, 0.0f,
+             m.specular_color, m.color, 0.0f,      0.0f};
   const float eta = side > 0.0f ? ior : 1.0f / ior;  // far side over near side
   l.compensated = m.metallic > 0.0f || m.iridescence > 0.0f;
   if (l.compensated) l.gain_o = metal_gain(l.facets, l.wo);

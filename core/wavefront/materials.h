@@ -96,7 +96,8 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
       if (fate == Fate::ends) wave.alive &= ~(1u << k);
       if (fate != Fate::scatters) return;
       scattering |= 1u << k;
-      const Material material = from_block<Material>(*v.block[k]);
+      Material material = from_block<Material>(*v.block[k]);
+      pull_to_mirror(scene, p.depth[k], material);
       if (asks_for_light(scene) && !is_delta(material)) asking |= 1u << k;
       bool is_plain = false;
       for_each_plain_form<Material>([&]<class Form>(u32 number) {

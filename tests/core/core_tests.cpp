@@ -504,6 +504,34 @@ void plain_materials_are_the_whole() {
              {0.9f, 0.8f, 1, 0.6f, 0, 0.5f, 1, 1, 0.5f, 1, 1, 1, 1, 0.2f, 0.4f})});
 }
 
+// How often mirrors are followed changes neither what comes back nor what densities say.
+void what_is_pulled_to_mirrors_is_as_bright() {
+  const auto mean_weight = [](const auto& m, Vec3 wo) {
+    double sum = 0.0;
+    constexpr int kSide = 512;
+    for (int i = 0; i < kSide; ++i) {
+      for (int j = 0; j < 16; ++j) {
+        const float u = (static_cast<float>(i) + 0.5f) / kSide;
+        baseline::BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
+        if (!sample(m, wo, {{u, (static_cast<float>(j) + 0.5f) / 16}, u}, s)) continue;
+        sum += static_cast<double>(s.weight.y);
+        CHECK(s.delta || std::abs(value_of(m, wo, s.wi).pdf / s.pdf - 1.0f) < 1e-5f);
+      }
+    }
+    return sum / (kSide * 16);
+  };
+  baseline::Plastic plastic = {{0.3f, 0.7f, 0.2f}, {0.9f, 0.8f, 1}, 1.6f, 0, 0, 1, 0, 0};
+  baseline::Dielectric glass = {{1, 1, 1}, 1.5f, 0, 0, 0, 0, {1, 0.9f, 1}, {1, 0.8f, 1}, 0, 0};
+  for (float z : {1.0f, 0.7f, 0.3f, 0.05f, -0.9f, -0.5f}) {
+    const Vec3 wo = {std::sqrt(1.0f - z * z), 0, z};
+    plastic.mirror_pull = glass.mirror_pull = 0.0f;
+    const double matte = mean_weight(plastic, wo), clear = mean_weight(glass, wo);
+    plastic.mirror_pull = glass.mirror_pull = 2.0f;
+    CHECK(std::abs(mean_weight(plastic, wo) / matte - 1.0) < 3e-3);
+    CHECK(std::abs(mean_weight(glass, wo) / clear - 1.0) < 3e-3);
+  }
+}
+
 // Of visible slopes of a Beckmann surface u is the share of those that are less.
 void beckmann_slopes_follow_their_distribution() {
   for (int i = 1; i < 400; ++i) {
@@ -888,6 +916,7 @@ int main() {
   rays_together_meet_what_each_meets();
   lobes_share_even_numbers();
   plain_materials_are_the_whole();
+  what_is_pulled_to_mirrors_is_as_bright();
   beckmann_slopes_follow_their_distribution();
   everything_at_once();
   trees_do_not_depend_on_threads();
