@@ -30,6 +30,7 @@
 //     from(f, wo), to(f, wi)          look it up, for one path after the other
 //     evaluate(f, from, to, wo, wi)
 //     choose(f, from, wo, u, wi)      the direction of a sample; false where the path ends
+//     gloss(f, wo), or, with tables, gloss(f, from, wo)      if it has any: Gloss (microfacet.h)
 //                           A form with a matte part, which scatters by one factor of wo and
 //                           another of wi, may have
 //     let_out(f, wo)        the former, and, if it needs tables,
@@ -130,6 +131,12 @@ PH_INLINE void for_each_plain_form(F&& f) {
 
 template <class Form>
 concept NeedsTables = requires { typename Form::From; };
+
+// Forms that tell how much of what they scatter is gloss.
+template <class Form>
+concept HasGloss =
+    requires(const Form& form, Vec3 wo) { gloss(form, wo); } ||
+    requires(const Form& form, const typename Form::From& seen, Vec3 wo) { gloss(form, seen, wo); };
 
 // A sample of a form that needs tables, once its direction has been chosen.
 template <NeedsTables Form>

@@ -23,12 +23,6 @@ PH_INLINE bool asks_for_light(const SceneView& scene) {
   return scene.light_tree.light_count != 0 || scene.outside_first != scene.smooth_first;
 }
 
-// Where light is asked for: the point, and the side of the surface that counts, or 0 for any.
-struct Receiver {
-  Vec3 point;
-  Vec3 normal;
-};
-
 // From an instance's frame: how many steradians there a steradian of the scene becomes.
 PH_INLINE float solid_angle_ratio(const Instance& instance, float stretch) {
   return instance.determinant / (stretch * stretch * stretch);
@@ -42,11 +36,11 @@ PH_INLINE u32 emitter_index(const SceneView& scene, const Surface& s) {
 
 // Density with which sample_light picks the direction from a point to the surface s, which shines.
 PH_INLINE float emitter_pdf(const SceneView& scene, const Surface& s, const Receiver& from,
-                            Vec3 direction) {
+                            const Highlight& highlight, Vec3 direction) {
   const u32 index = emitter_index(scene, s);
   if (index == kNone) return 0.0f;
-  const float choice = (1.0f - scene.outside_share) *
-                       light_probability(scene.light_tree, index, from.point, from.normal);
+  const float choice =
+      (1.0f - scene.outside_share) * light_probability(scene.light_tree, index, from, highlight);
   if (!(choice > 0.0f)) return 0.0f;
   return choice * with_primitive(scene, s.slot, [&](const auto& shape, u32) {
            const float distance = length(s.point - from.point);
@@ -117,11 +111,12 @@ PH_INLINE double number_inside(const SceneView& scene, double number) {
   return (number - share) / (1.0 - share);
 }
 
-PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from, double number) {
+PH_INLINE LightPick pick_light(const SceneView& scene, const Receiver& from,
+                               const Highlight& highlight, double number) {
   const double outside = static_cast<double>(scene.outside_share);
   if (number >= outside) {
-    return pick_inside(scene, choose_light(scene.light_tree, from.point, from.normal,
-                                           number_inside(scene, number)));
+    return pick_inside(
+        scene, choose_light(scene.light_tree, from, highlight, number_inside(scene, number)));
   }
   double place = number / outside;
   u32 index = scene.outside_first;  // they are few
@@ -159,7 +154,7 @@ PH_INLINE DirectSample sample_pick(const SceneView& scene, const LightPick& pick
 
 PH_INLINE DirectSample sample_lights(const SceneView& scene, const Receiver& from, Vec2 point,
                                      float lower) {
-  const LightPick pick = pick_light(scene, from, light_number(point.x, lower));
+  const LightPick pick = pick_light(scene, from, kNoHighlight, light_number(point.x, lower));
   return sample_pick(scene, pick, from.point, point.y);
 }
 

@@ -11,6 +11,7 @@
 // the receiver, or that see it on theirs, keep a small importance: rounding must not lose one that
 // does contribute. Where every child of a chosen cluster is dark no light is chosen.
 #pragma once
+#include "rows.h"
 #include "simd.h"
 
 namespace parhelion {
@@ -46,6 +47,18 @@ struct LightChoice {
 }  // namespace parhelion
 
 namespace parhelion::PH_ISA {
+
+// Where light is asked for: the point, and the side of the surface that counts, or 0 for any.
+struct Receiver {
+  Vec3 point, normal;
+};
+// And how: of what the surface scatters `gloss` is the share, in 0 to 1, that falls off around a
+// direction, as what microfacets mirror does whose alpha^2 is the inverse of `tightness`.
+struct Highlight {
+  Vec3 direction;
+  float gloss, tightness;
+};
+inline constexpr Highlight kNoHighlight = {{0, 0, 0}, 0.0f, 0.0f};
 
 // Cosines this far beyond a bound still count. Cosines near 1 and their sines, kept in float, place
 // an angle no better than sqrt(2^-23) = 3.5e-4.
@@ -107,6 +120,18 @@ PH_INLINE Lanes light_arriving(const LightPairs& p, const Lanes& value, const La
   return select(zero - slack <= arriving, value * max(arriving, slack), zero);
 }
 
+// What a receiver's highlight leaves of it: at most that of GGX's microfacets, whose normals lie
+// half as far from the surface's as the light from the highlight's direction.
+PH_INLINE Lanes light_in_highlight(const LightPairs& p, const Lanes& inverse, const LaneAngle& half,
+                                   const Lanes& x, const Lanes& y, const Lanes& z,
+                                   const Lanes& gloss, const Lanes& tightness) {
+  const Lanes one = all(1.0f);
+  const Lanes along = (x * p.dx + y * p.dy + z * p.dz) * inverse;
+  const Lanes c = shrink(angle_of(max(all(-1.0f), min(along, one))), half).c;
+  const Lanes fall = all(0.5f) * ((one + c) + (one - c) * tightness);
+  return (one - gloss) + gloss / (fall * fall);
+}
+
 PH_INLINE float sum_of(const float (&weight)[16]) {
   float sum = 0.0f;
   for (int k = 0; k < 16; ++k) sum = sum + weight[k];
@@ -116,7 +141,9 @@ PH_INLINE float sum_of(const float (&weight)[16]) {
 // What each child of a node may send to a point. With a normal, only from its side of the surface;
 // with none (0, 0, 0), as in a medium or where light passes through, from anywhere. Returns the
 // sum.
-PH_INLINE float light_weights(const LightNode& node, Vec3 from, Vec3 normal, float (&weight)[16]) {
+PH_INLINE float light_weights(const LightNode& node, const Receiver& at, const Highlight& highlight,
+                              float (&weight)[16]) {
+  const Vec3 from = at.point, normal = at.normal;
   const LightPairs p = {load(node.x) - all(from.x), load(node.y) - all(from.y),
                         load(node.z) - all(from.z), load(node.radius),
                         load(node.axis_x),          load(node.axis_y),
@@ -127,6 +154,11 @@ PH_INLINE float light_weights(const LightNode& node, Vec3 from, Vec3 normal, flo
   Lanes value = light_leaving(p, inverse, half);
   if (!black(normal)) {
     value = light_arriving(p, value, inverse, half, all(normal.x), all(normal.y), all(normal.z));
+  }
+  if (highlight.gloss != 0.0f) {
+    const Vec3 d = highlight.direction;
+    value = value * light_in_highlight(p, inverse, half, all(d.x), all(d.y), all(d.z),
+                                       all(highlight.gloss), all(highlight.tightness));
   }
   store(weight, value);
   return sum_of(weight);
@@ -164,7 +196,8 @@ PH_INLINE float unused(double rest) { return min(static_cast<float>(rest), 0x1.f
 
 // Chooses a light by a number of 48 bits: among a million lights a choice uses 20, and what is left
 // of 24 could no longer tell neighbours' probabilities apart, let alone be used again.
-inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 normal, double u) {
+inline LightChoice choose_light(const LightTreeView& tree, const Receiver& at,
+                                const Highlight& highlight, double u) {
   const LightChoice nothing = {kNone, 0.0f, 0.0f};
   if (tree.light_count == 0) return nothing;
   double rest = u;
@@ -174,7 +207,7 @@ inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 norma
   for (;;) {
     const LightNode& node = tree.nodes[index];
     float weight[16];
-    const float sum = light_weights(node, from, normal, weight);
+    const float sum = light_weights(node, at, highlight, weight);
     if (!(sum > 0.0f)) return nothing;
     const u32 lane = choose_lane(weight, sum, rest);
     share[depth++] = weight[lane] / sum;
@@ -188,35 +221,32 @@ inline LightChoice choose_light(const LightTreeView& tree, Vec3 from, Vec3 norma
   }
 }
 
-// Sixteen points that are lit, with their surfaces' normals or 0, and the numbers that choose their
-// lights.
-struct LitPoints {
-  float x[16], y[16], z[16], normal_x[16], normal_y[16], normal_z[16];
-  double u[16];
-};
-
 // What choose_light takes for each of sixteen points where all lights are children of the root, for
-// all at once, to the same bits. Of none the light is kNone.
-inline void choose_lights(const LightTreeView& tree, const LitPoints& at, u32 (&light)[16],
-                          float (&probability)[16], float (&u)[16]) {
+// all at once, to the same bits. glossy: whether any has a highlight. Of none the light is kNone.
+inline void choose_lights(const LightTreeView& tree, const Rows<Receiver, 16>& at,
+                          const Rows<Highlight, 16>& highlight, bool glossy,
+                          const double (&number)[16], u32 (&light)[16], float (&probability)[16],
+                          float (&u)[16]) {
   const LightNode& node = tree.nodes[0];
-  const Lanes nx = load(at.normal_x), ny = load(at.normal_y), nz = load(at.normal_z);
-  const Lanes zero = all(0.0f);
+  const auto row = [&](u32 k) { return load(highlight.row[k]); };
+  const Lanes x = load(at.row[0]), y = load(at.row[1]), z = load(at.row[2]), zero = all(0.0f);
+  const Lanes nx = load(at.row[3]), ny = load(at.row[4]), nz = load(at.row[5]);
   const LaneMask sided = zero < nx * nx + ny * ny + nz * nz;
   float weight[16][16];  // by child and point
   Lanes sum = zero;
   for (u32 k = 0; k < 16; ++k) {
     if (!(node.power[k] > 0.0f)) continue;
-    const LightPairs p = {all(node.x[k]) - load(at.x), all(node.y[k]) - load(at.y),
-                          all(node.z[k]) - load(at.z), all(node.radius[k]),
-                          all(node.axis_x[k]),         all(node.axis_y[k]),
-                          all(node.axis_z[k]),         all(node.cos_o[k]),
-                          all(node.cos_e[k]),          all(node.power[k])};
+    const LightPairs p = {all(node.x[k]) - x,  all(node.y[k]) - y,  all(node.z[k]) - z,
+                          all(node.radius[k]), all(node.axis_x[k]), all(node.axis_y[k]),
+                          all(node.axis_z[k]), all(node.cos_o[k]),  all(node.cos_e[k]),
+                          all(node.power[k])};
     Lanes inverse;
     LaneAngle half;
     const Lanes leaving = light_leaving(p, inverse, half);
-    const Lanes value =
-        select(sided, light_arriving(p, leaving, inverse, half, nx, ny, nz), leaving);
+    Lanes value = select(sided, light_arriving(p, leaving, inverse, half, nx, ny, nz), leaving);
+    if (glossy) {
+      value = value * light_in_highlight(p, inverse, half, row(0), row(1), row(2), row(3), row(4));
+    }
     store(weight[k], value);
     sum = sum + value;
   }
@@ -224,7 +254,7 @@ inline void choose_lights(const LightTreeView& tree, const LitPoints& at, u32 (&
   store(sums, sum);
   double target[16], start[16] = {}, before[16] = {};
   for (u32 i = 0; i < 16; ++i) {
-    target[i] = at.u[i] * static_cast<double>(sums[i]);
+    target[i] = number[i] * static_cast<double>(sums[i]);
     light[i] = kNone;
   }
   for (u32 k = 0; k < 16; ++k) {
@@ -246,11 +276,12 @@ inline void choose_lights(const LightTreeView& tree, const LitPoints& at, u32 (&
 
 // The probability with which choose_light takes a light: the same bits, being the same product
 // taken in the same order, from the light up.
-inline float light_probability(const LightTreeView& tree, u32 light, Vec3 from, Vec3 normal) {
+inline float light_probability(const LightTreeView& tree, u32 light, const Receiver& at,
+                               const Highlight& highlight) {
   float probability = 1.0f;
   for (u32 slot = tree.slot_of_light[light]; slot != kNone; slot = tree.slot_of_node[slot >> 4]) {
     float weight[16];
-    const float sum = light_weights(tree.nodes[slot >> 4], from, normal, weight);
+    const float sum = light_weights(tree.nodes[slot >> 4], at, highlight, weight);
     const float w = weight[slot & 15u];
     if (!(w > 0.0f)) return 0.0f;
     probability *= w / sum;

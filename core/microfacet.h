@@ -143,6 +143,18 @@ PH_INLINE Reflection reflection(const Microfacets& d, Vec3 wo, Vec3 wi, bool cor
   return {m, max(dot(wo, m), 0.0f), density * shadowing(d, wo, wi, correlated), density};
 }
 
+// How much of what a surface scatters is around the mirror image of wo, and how closely: the alpha
+// of its microfacets.
+struct Gloss {
+  float share, alpha;
+};
+// Of microfacets that reflect a share of all light, beside what is matte: compared at their peaks.
+PH_INLINE Gloss gloss_of(const Microfacets& d, float share, float matte, Vec3 wo) {
+  const float alpha = max(d.alpha_u, d.alpha_v);
+  const float peak = share / (4.0f * d.alpha_u * d.alpha_v * max(abs(wo.z), alpha));
+  return {peak > 0.0f ? peak / (peak + matte) : 0.0f, alpha};
+}
+
 // Tables, see tables/generate.py for what they hold and their coordinates.
 
 // x in [0, 1] among n nodes by the cubic through the four around it.

@@ -181,7 +181,9 @@ PH_INLINE Vec3 add_emission(const SceneView& scene, const RenderView& view, cons
   const Vec3 shine = emission(*s.material, s.color, front, shown);
   if (!black(shine)) {
     const float density =
-        paths.scatter_pdf[k] > 0.0f ? emitter_pdf(scene, s, paths.receiver.at(k), direction) : 0.0f;
+        paths.scatter_pdf[k] > 0.0f
+            ? emitter_pdf(scene, s, paths.receiver.at(k), paths.highlight_of(k), direction)
+            : 0.0f;
     add_light(view, paths, k, shine, density);
   }
   return shine;

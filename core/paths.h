@@ -32,15 +32,17 @@ struct Paths {
   float t[kBatch];    // and how far away
   Rows<Vec3, kBatch> sum, throughput;
   Rows<Receiver, kBatch> receiver;  // the vertex that the ray leaves
-  float scatter_pdf[kBatch];        // of its direction; 0 if no light sample could have found it
-  float eta_scale[kBatch];          // undoes the squeezing of radiance in glass, for the roulette
-  float width[kBatch];      // of the cone around the ray that stands for its neighbours: at the
-  float spread[kBatch];     // ray's origin, and what it grows by per unit of length
-  float travelled[kBatch];  // from the camera
-  u32 depth[kBatch];        // rays so far, the camera's own included
-  u32 channel[kBatch];      // of red, green and blue the only one left, 0 to 2; kNone: any
-  u32 holes[kBatch];        // passed by all rays so far
-  u32 tag[kBatch];          // which sample, to those who asked for it
+  u32 glossy;                       // bits for those whose vertices have one
+  Rows<Highlight, kBatch> highlight;
+  float scatter_pdf[kBatch];  // of its direction; 0 if no light sample could have found it
+  float eta_scale[kBatch];    // undoes the squeezing of radiance in glass, for the roulette
+  float width[kBatch];        // of the cone around the ray that stands for its neighbours: at the
+  float spread[kBatch];       // ray's origin, and what it grows by per unit of length
+  float travelled[kBatch];    // from the camera
+  u32 depth[kBatch];          // rays so far, the camera's own included
+  u32 channel[kBatch];        // of red, green and blue the only one left, 0 to 2; kNone: any
+  u32 holes[kBatch];          // passed by all rays so far
+  u32 tag[kBatch];            // which sample, to those who asked for it
   SamplerBatch<kBatch> samplers;
   Media media[kBatch];
 
@@ -54,6 +56,14 @@ struct Paths {
     inward[k] = ray.inward;
   }
 
+  PH_INLINE Highlight highlight_of(u32 k) const {
+    return (glossy >> k & 1u) != 0 ? highlight.at(k) : kNoHighlight;
+  }
+  PH_INLINE void set_highlight(u32 k, u32 has, const Rows<Highlight, kBatch>& from, u32 lane) {
+    glossy = (glossy & ~(1u << k)) | has << k;
+    if (has != 0) copy_lane(highlight, k, from, lane);
+  }
+
   // Takes the path that others have at a lane.
   PH_INLINE void take(u32 k, const Paths& from, u32 lane) {
     const auto take_rows = [&](auto... row) { (copy_lane(this->*row, k, from.*row, lane), ...); };
@@ -64,6 +74,7 @@ struct Paths {
     samplers.kind = from.samplers.kind;
     copy_lane(samplers.key, k, from.samplers.key, lane);
     copy_lane(samplers.reversed_index, k, from.samplers.reversed_index, lane);
+    set_highlight(k, from.glossy >> lane & 1u, from.highlight, lane);
     media[k].count = 0;
     if (from.media[lane].count != 0) media[k] = from.media[lane];
   }

@@ -137,7 +137,7 @@ class Recorder {
       const u32 id = with_primitive(scene_, slot, [](const auto&, u32 own) { return own; });
       light.place = place(slot, id);
     } else {
-      light.record = pick_light(scene_, v.receiver.at(0), light_number_).record;
+      light.record = pick_light(scene_, v.receiver.at(0), v.highlight.at(0), light_number_).record;
     }
   }
 

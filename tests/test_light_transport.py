@@ -404,3 +404,36 @@ def test_light_of_several_lights_is_the_sum_of_each() -> None:
     expected = b.mean(axis=0)
     assert mean_p(a - b + expected, expected) > SIGNIFICANCE
     assert abs(a.mean() / b.mean() - 1) < 0.01
+
+
+GLOSSY = {
+    "gold": ph.Material("conductor", roughness=0.3, compensation="off"),
+    "brushed": ph.Material("conductor", roughness=0.4, anisotropy=0.7, compensation="off"),
+    "plastic": ph.Material("plastic", color=(0.2, 0.3, 0.4), roughness=0.3),
+    "beckmann": ph.Material("plastic", roughness=0.5, distribution="beckmann"),
+    "principled": ph.Material("principled", color=(0.9, 0.5, 0.2), roughness=0.25, metallic=0.5),
+}
+
+
+@pytest.mark.parametrize("kind", GLOSSY)
+@pytest.mark.parametrize("count", [3, 20])
+def test_lamps_seen_in_gloss_are_the_sum_of_each(kind: str, count: int) -> None:
+    """A single lamp is asked whatever the gloss; of several those that it shows, more often."""
+    rng = np.random.default_rng(4)
+    around = rng.normal(size=(count, 3))
+    centers = [tuple(3.0 * c / np.linalg.norm(c)) for c in around]
+    glow = rng.uniform(5, 40, (count, 3))
+    ball = ph.Spheres([(0, 0, 0)], 1.0, GLOSSY[kind])
+
+    def runs(which: range) -> np.ndarray:
+        lamps = [lamp(centers[i], 0.2, glow[i]) for i in which]
+        return Look(size=8).runs(ball, *lamps, spp=64, count=24, max_depth=2).astype(float)
+
+    together = runs(range(count)).sum(axis=-1)
+    apart = sum(runs(range(i, i + 1)) for i in range(count)).sum(axis=-1)
+    gap, mean = together - apart, apart.mean(axis=0)
+    # where lamps do shine, and the pixels' noise is more than that of their last digits
+    counts = (mean > 0) & (gap.std(axis=0) > 1e-4 * mean)
+    assert counts.sum() > 10
+    assert mean_p(gap[:, counts], np.zeros(counts.sum())) > SIGNIFICANCE / 10
+    assert abs(gap.mean() / mean.mean()) < 0.01

@@ -57,6 +57,12 @@ struct PlainConductor {
   }
 };
 
+template <Facets kDistribution>
+PH_INLINE Gloss gloss(const PlainConductor<kDistribution>& m, Vec3 wo) {
+  const Microfacets d = microfacets(m.whole());
+  return gloss_of(d, smooth(d) ? 0.0f : 1.0f, 0.0f, wo);
+}
+
 struct ConductorValue {
   Vec3 value;
   float pdf;

@@ -178,6 +178,13 @@ inline auto to(const RoughPlastic<kDistribution>& m, Vec3 wi) {
 }
 
 template <Facets kDistribution>
+PH_INLINE Gloss gloss(const RoughPlastic<kDistribution>& m,
+                      const typename RoughPlastic<kDistribution>::From& seen, Vec3 wo) {
+  const float coat = (1.0f - seen.let_in) * mean(m.specular);
+  return gloss_of(facets(m.whole()), coat, seen.let_in * mean(m.color), wo);
+}
+
+template <Facets kDistribution>
 inline float let_out(const RoughPlastic<kDistribution>& m, Vec3 wo) {
   return to(m, wo).let_in;
 }

@@ -251,6 +251,11 @@ PH_INLINE BsdfValue evaluate(const PlainPrincipled& m, const PlainPrincipled::Fr
   return {v.value * above, v.pdf * above};
 }
 
+PH_INLINE Gloss gloss(const PlainPrincipled& m, const PlainPrincipled::From& seen, Vec3 wo) {
+  const Base b = base(m, seen);
+  return gloss_of(facets(m), b.mirror_share, b.matte_share, wo);
+}
+
 inline float let_out(const PlainPrincipled& m, Vec3 wo) { return 1.0f - from(m, wo).gloss_share; }
 PH_INLINE Vec3 matte(const PlainPrincipled& m, const PlainPrincipled::From& seen,
                      const PlainPrincipled::To&, Vec3 wo, Vec3 wi) {

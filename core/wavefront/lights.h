@@ -52,14 +52,9 @@ inline u32 ask(const SceneView& scene, u32 lanes, const BounceDraws& draws, Vert
   u32 chosen[kBatch];
   float probability[kBatch], left[kBatch];
   if (few) {
-    LitPoints at;
-    for (u32 k = 0; k < kBatch; ++k) {
-      const Receiver r = v.receiver.at(k);
-      at.x[k] = r.point.x, at.y[k] = r.point.y, at.z[k] = r.point.z;
-      at.normal_x[k] = r.normal.x, at.normal_y[k] = r.normal.y, at.normal_z[k] = r.normal.z;
-      at.u[k] = number_inside(scene, number[k]);
-    }
-    choose_lights(tree, at, chosen, probability, left);
+    double inside[kBatch];
+    for (u32 k = 0; k < kBatch; ++k) inside[k] = number_inside(scene, number[k]);
+    choose_lights(tree, v.receiver, v.highlight, v.glossy != 0, inside, chosen, probability, left);
   }
   // Those to which directions are found for all at once.
   LightPick picks[kBatch];
@@ -70,8 +65,9 @@ inline u32 ask(const SceneView& scene, u32 lanes, const BounceDraws& draws, Vert
   u32 around[kBatch], around_count = 0;
   for_each_bit(lanes, [&](u32 k) {
     LightPick& pick = picks[k];
-    pick = few && number[k] >= outside ? pick_inside(scene, {chosen[k], probability[k], left[k]})
-                                       : pick_light(scene, v.receiver.at(k), number[k]);
+    pick = few && number[k] >= outside
+               ? pick_inside(scene, {chosen[k], probability[k], left[k]})
+               : pick_light(scene, v.receiver.at(k), v.highlight.at(k), number[k]);
     place[0][k] = pick.u, place[1][k] = draws.point[1][k];
     if (triangles.take(scene.triangles, ShapeKind::triangle, pick, k)) return;
     if (spheres.take(scene.spheres, ShapeKind::sphere, pick, k)) return;

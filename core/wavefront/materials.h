@@ -54,6 +54,27 @@ PH_APART inline void find_frames(const Rows<Vec3, kBatch>& __restrict n,
   }
 }
 
+// Of gloss less is not worth the while. And what is left beside it are the chances of lamps that a
+// mirror image is far from: without, the few samples that find these are specks.
+inline constexpr float kLeastGloss = 0.0625f, kMostGloss = 0.99f;
+
+// Asks for light where a surface that the path has met mirrors it.
+template <HasGloss Form>
+PH_INLINE void turn_to_gloss(u32 k, Vertices& v) {
+  const Form form = v.plain.at<Form>(k);
+  const Vec3 wo = v.local_wo.at(k);
+  Gloss g;
+  if constexpr (NeedsTables<Form>) {
+    g = gloss(form, v.from.at<typename Form::From>(k), wo);
+  } else {
+    g = gloss(form, wo);
+  }
+  if (!(g.share > kLeastGloss)) return;
+  v.glossy |= 1u << k;
+  v.highlight.set(k, Highlight{to_world(v.frame.at(k), {-wo.x, -wo.y, wo.z}),
+                               min(g.share, kMostGloss), 1.0f / (g.alpha * g.alpha)});
+}
+
 // From which side of the surface, and with which parameters and frame, paths see their materials.
 // Returns the lanes of those that scatter; asking: of those of them that ask for light.
 template <class Watch>
@@ -77,6 +98,8 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
     if (kTransmits<Material>) kinds.transmitting |= own;
   });
   spread(~kinds.transmitting, opaque);
+  if (v.glossy != 0) v.highlight = {};
+  v.glossy = 0;
   find_frames(n, opaque, p, v);
   for_each_bit(turned, [&](u32 k) {
     const float side = opaque[k] != 0 && v.front[k] == 0 ? -1.0f : 1.0f;
@@ -107,6 +130,9 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
         const Form form = Form::of(material);
         v.plain.set(k, form);
         if constexpr (NeedsTables<Form>) v.from.set(k, from(form, v.local_wo.at(k)));
+        if constexpr (HasGloss<Form>) {
+          if (scene.light_tree.light_count > 1) turn_to_gloss<Form>(k, v);
+        }
       });
       if constexpr (Prepares<Material>) {
         if (!is_plain) v.prepared[k].set(prepare(material, v.local_wo.at(k)));

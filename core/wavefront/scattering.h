@@ -208,6 +208,9 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
     mirrored |= (goes[k] & next.delta[k]) << k;
     p.self[k] = p.slot[k];
   });
+  if ((v.glossy | p.glossy) != 0) {
+    for_each_bit(on, [&](u32 k) { p.set_highlight(k, v.glossy >> k & 1u, v.highlight, k); });
+  }
   for_each_bit(kinds.transmitting & on, [&](u32 k) {
     if (next.wi.at(k).z * v.local_wo.at(k).z < 0.0f) {
       cross_boundary(scene, p.media[k], *v.record[k], v.front[k] != 0);

@@ -63,6 +63,8 @@ struct Vertices : PlainSurfaces {
   Texel mapped[kBatch];    // and the map of its normals, if it has one
   PreparedBlock prepared[kBatch];
   Rows<Receiver, kBatch> receiver;
+  u32 glossy;                         // bits for those that ask for light where they mirror it
+  Rows<Highlight, kBatch> highlight;  // kNoHighlight for the others
 
   // As in DirectSample
   Rows<Vec3, kBatch> to_light, radiance;

@@ -129,14 +129,15 @@ void tree_chooses_as_it_says() {
     for (u32 i = 0; i < n; ++i) deepest = std::max(deepest, depth_of(tree, i));
     // Sixteen to a node at best; twice the logarithm and one to spare.
     CHECK(deepest <= 1 + 2 * std::log(static_cast<double>(n)) / std::log(16.0));
-    for (int k = 0; k < 4; ++k) {
-      const Vec3 from = random_point();
-      const Vec3 normal = k % 2 ? random_direction() : Vec3{0, 0, 0};
+    for (int k = 0; k < 6; ++k) {
+      const Receiver at = {random_point(), k % 2 ? random_direction() : Vec3{0, 0, 0}};
+      const Highlight glossy = {random_direction(), 0.9f, std::exp2(8.0f * uniform())};
+      const Highlight highlight = k < 3 ? kNoHighlight : glossy;
       std::vector<double> expected(n + 1), observed(n + 1);
       const int draws = 40000;
       double sum = 0;
       for (u32 i = 0; i < n; ++i) {
-        const double p = light_probability(view, i, from, normal);
+        const double p = light_probability(view, i, at, highlight);
         sum += p;
         expected[i] = draws * p;
       }
@@ -145,10 +146,10 @@ void tree_chooses_as_it_says() {
       if (expected[n] < 0.5) expected[n] = 0;
       double low = 0;
       for (int i = 0; i < draws; ++i) {
-        const LightChoice c = choose_light(view, from, normal, long_uniform());
+        const LightChoice c = choose_light(view, at, highlight, long_uniform());
         observed[c.light == kNone ? n : c.light] += 1;
         if (c.light == kNone) continue;
-        CHECK(c.probability == light_probability(view, c.light, from, normal));
+        CHECK(c.probability == light_probability(view, c.light, at, highlight));
         CHECK(c.u >= 0.0f && c.u < 1.0f);
         low += c.u < 0.25f;
       }
@@ -167,7 +168,8 @@ void tree_probabilities_sum_to_one() {
   for (int k = 0; k < 5; ++k) {
     const Vec3 from = random_point() * 3.0f;
     double sum = 0;
-    for (u32 i = 0; i < 5000; ++i) sum += light_probability(tree.view(), i, from, {0, 0, 0});
+    for (u32 i = 0; i < 5000; ++i)
+      sum += light_probability(tree.view(), i, {from, {0, 0, 0}}, kNoHighlight);
     near("sum of probabilities", sum, 1.0, 1e-5);
   }
 }
@@ -189,7 +191,9 @@ void tree_loses_no_light() {
     if (k % 3 == 0) facing = normalize(facing - to * (dot(facing, to) / dot(to, to)) + to * 1e-4f);
     if (!(dot(to, normal) < 0.0f) || !(dot(to, facing) > 0.0f)) continue;
     ++seen;
-    lost += light_probability(tree.view(), i, from, facing) == 0.0f;
+    const Highlight highlight = {random_direction(), 0.99f, std::exp2(27.0f * uniform())};
+    lost +=
+        light_probability(tree.view(), i, {from, facing}, k % 5 ? kNoHighlight : highlight) == 0.0f;
   }
   CHECK(seen > 100000);
   CHECK(lost == 0);
@@ -219,16 +223,16 @@ void tree_does_not_depend_on_threads_or_degeneracy() {
     double sum = 0;
     for (u32 i = 0; i < leaves.size(); ++i) {
       CHECK(depth_of(tree, i) <= kMaxLightDepth);
-      sum += light_probability(tree.view(), i, {0.5f, 0.5f, 0.5f}, {0, 0, 1});
+      sum += light_probability(tree.view(), i, {{0.5f, 0.5f, 0.5f}, {0, 0, 1}}, kNoHighlight);
     }
     near("sum where lights coincide", sum, 1.0, 1e-5);
     if (kind != 2) continue;
-    CHECK(choose_light(tree.view(), {0, 0, 0}, {0, 0, 0}, 0.99).light == 77);
+    CHECK(choose_light(tree.view(), {{0, 0, 0}, {0, 0, 0}}, kNoHighlight, 0.99).light == 77);
   }
   const LightTree none = build_light_tree({});
-  CHECK(choose_light(none.view(), {0, 0, 0}, {0, 0, 0}, 0.5).light == kNone);
+  CHECK(choose_light(none.view(), {{0, 0, 0}, {0, 0, 0}}, kNoHighlight, 0.5).light == kNone);
   const LightTree dark = build_light_tree(std::vector<LightLeaf>(40));
-  CHECK(choose_light(dark.view(), {0, 0, 1}, {0, 0, 0}, 0.5).light == kNone);
+  CHECK(choose_light(dark.view(), {{0, 0, 1}, {0, 0, 0}}, kNoHighlight, 0.5).light == kNone);
 }
 
 // Sixteen points at once choose what each does by itself, to the bit: also where a surface sees no
@@ -241,21 +245,23 @@ void few_lights_are_chosen_together() {
     const LightTree tree = build_light_tree(lights.leaves);
     const LightTreeView view = tree.view();
     for (int round = 0; round < 200; ++round) {
-      LitPoints at;
+      Rows<Receiver, 16> at;
+      Rows<Highlight, 16> highlight = {};
+      double number[16];
       for (u32 i = 0; i < 16; ++i) {
-        const Vec3 p = random_point() * (round % 3 == 0 ? 3.0f : 1.0f);
-        const Vec3 normal = i % 4 == 0 ? Vec3{0, 0, 0} : random_direction();
-        at.x[i] = p.x, at.y[i] = p.y, at.z[i] = p.z;
-        at.normal_x[i] = normal.x, at.normal_y[i] = normal.y, at.normal_z[i] = normal.z;
-        at.u[i] = i == 1 ? 1.0 - 0x1p-48 : long_uniform();
+        at.set(i, Receiver{random_point() * (round % 3 == 0 ? 3.0f : 1.0f),
+                           i % 4 == 0 ? Vec3{0, 0, 0} : random_direction()});
+        if (round % 2 == 0 && i % 3 == 0) {
+          const float gloss = i % 2 ? 1.0f : uniform();
+          highlight.set(i, Highlight{random_direction(), gloss, std::exp2(20.0f * uniform())});
+        }
+        number[i] = i == 1 ? 1.0 - 0x1p-48 : long_uniform();
       }
       u32 light[16];
       float probability[16], u[16];
-      choose_lights(view, at, light, probability, u);
+      choose_lights(view, at, highlight, round % 2 == 0, number, light, probability, u);
       for (u32 i = 0; i < 16; ++i) {
-        const LightChoice c =
-            choose_light(view, {at.x[i], at.y[i], at.z[i]},
-                         {at.normal_x[i], at.normal_y[i], at.normal_z[i]}, at.u[i]);
+        const LightChoice c = choose_light(view, at.at(i), highlight.at(i), number[i]);
         CHECK(light[i] == c.light);
         CHECK(c.light == kNone || (probability[i] == c.probability && u[i] == c.u));
         ++(c.light == kNone ? none : chosen);
@@ -278,11 +284,12 @@ void light_numbers_stay_even() {
     for (u32 i = 0; i < 64; ++i) {
       const Sampler s = make_sampler(SamplerKind::sobol, 3, 5, i, static_cast<u64>(round));
       const double number = light_number(draw2(s, kDrawLightPoint).x, draw1(s, kDrawLight));
-      const LightChoice c = choose_light(tree.view(), from, {0, 0, 0}, number);
+      const LightChoice c = choose_light(tree.view(), {from, {0, 0, 0}}, kNoHighlight, number);
       left[c.light].push_back(c.u);
     }
     for (u32 i = 0; i < 2; ++i) {
-      const float widest = 2.0f / (64.0f * light_probability(tree.view(), i, from, {0, 0, 0}));
+      const float widest =
+          2.0f / (64.0f * light_probability(tree.view(), i, {from, {0, 0, 0}}, kNoHighlight));
       std::sort(left[i].begin(), left[i].end());
       float before = 0.0f;
       for (const float u : left[i]) {
@@ -291,6 +298,32 @@ void light_numbers_stay_even() {
       }
       CHECK(1.0f - before <= widest * 1.0001f);
     }
+  }
+}
+
+// What microfacets mirror of few small lights and of many: the mean square of a sample falls where
+// it is asked for by the highlight.
+void highlights_find_what_mirrors_show() {
+  for (size_t n : {6u, 2000u}) {
+    Triangles lights(n, 0.02f / std::cbrt(static_cast<float>(n)));
+    for (LightLeaf& l : lights.leaves) l.cos_o = -1.0f;  // seen from everywhere
+    const LightTree tree = build_light_tree(lights.leaves);
+    double square[2] = {0, 0};
+    for (int k = 0; k < 60; ++k) {
+      const Receiver at = {random_point(), {0, 0, 0}};
+      const Highlight shown = {random_direction(), 0.99f, 100.0f};
+      for (u32 i = 0; i < n; ++i) {
+        const Vec3 d = lights.point(i) - at.point;
+        const double c = static_cast<double>(dot(d, shown.direction) / length(d));
+        const double fall = 0.5 * ((1.0 + c) + (1.0 - c) * 100.0);
+        const double sent = static_cast<double>(lights.leaves[i].power / dot(d, d)) / (fall * fall);
+        for (int with = 0; with < 2; ++with) {
+          const Highlight highlight = with ? shown : kNoHighlight;
+          square[with] += sent * sent / light_probability(tree.view(), i, at, highlight);
+        }
+      }
+    }
+    CHECK(square[1] < (n > 100 ? 0.3 : 0.9) * square[0]);
   }
 }
 
@@ -318,7 +351,8 @@ void tree_beats_power() {
       };
       double sum[2] = {0, 0}, square[2] = {0, 0};
       for (int i = 0; i < draws; ++i) {
-        const LightChoice c = choose_light(tree.view(), from, normal, long_uniform());
+        const LightChoice c =
+            choose_light(tree.view(), {from, normal}, kNoHighlight, long_uniform());
         const double x = c.light == kNone ? 0.0 : sent(c.light) / c.probability;
         const size_t p = static_cast<size_t>(
             std::lower_bound(cumulative.begin(), cumulative.end(), total * uniform()) -
@@ -592,7 +626,7 @@ void every_light_keeps_its_contract() {
       ++lit;
       CHECK(t.delta && t.pdf == 1.0f && !black(t.radiance));
       CHECK(length(at + t.direction * t.distance - r.position) < 1e-5f);
-      CHECK(light_probability(tree.view(), 0, at, {0, 0, 0}) == 1.0f);
+      CHECK(light_probability(tree.view(), 0, {at, {0, 0, 0}}, kNoHighlight) == 1.0f);
       const Vec3 twice = r.position + (at - r.position) * 2.0f;
       const float here = luminance(t.radiance),
                   there = luminance(light.sample(twice, {0, 0}).radiance);
@@ -784,6 +818,7 @@ int main() {
   tree_does_not_depend_on_threads_or_degeneracy();
   few_lights_are_chosen_together();
   light_numbers_stay_even();
+  highlights_find_what_mirrors_show();
   tree_beats_power();
   distributions_keep_every_weight();
   every_light_keeps_its_contract();
