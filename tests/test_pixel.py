@@ -93,7 +93,7 @@ def test_the_path_is_that_of_the_picture(scene: ph.Scene, more: dict[str, Any]) 
     events, ends, lights = set(), set(), set()
     for y in range(8):
         for x in range(12):
-            for sample in (0, 5, 77) if scene.lights and not more else (5,):
+            for sample in (0, 5, 31, 77) if scene.lights and not more else (5,):
                 path = ph.trace_pixel(prepared, x, y, sample, **settings)
                 alone = _core.one_sample(prepared.core, view, x, y, sample)
                 assert path.radiance == tuple(alone)

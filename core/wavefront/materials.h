@@ -54,9 +54,7 @@ PH_APART inline void find_frames(const Rows<Vec3, kBatch>& __restrict n,
   }
 }
 
-// Of gloss less is not worth the while. And what is left beside it are the chances of lamps that a
-// mirror image is far from: without, the few samples that find these are specks.
-inline constexpr float kLeastGloss = 0.0625f, kMostGloss = 0.99f;
+inline constexpr float kLeastGloss = 0.0625f;  // less is not worth the while
 
 // Asks for light where a surface that the path has met mirrors it.
 template <HasGloss Form>
@@ -71,8 +69,8 @@ PH_INLINE void turn_to_gloss(u32 k, Vertices& v) {
   }
   if (!(g.share > kLeastGloss)) return;
   v.glossy |= 1u << k;
-  v.highlight.set(k, Highlight{to_world(v.frame.at(k), {-wo.x, -wo.y, wo.z}),
-                               min(g.share, kMostGloss), 1.0f / (g.alpha * g.alpha)});
+  v.highlight.set(k, Highlight{to_world(v.frame.at(k), {-wo.x, -wo.y, wo.z}), g.share,
+                               1.0f / (g.alpha * g.alpha)});
 }
 
 // From which side of the surface, and with which parameters and frame, paths see their materials.
