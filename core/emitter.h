@@ -23,6 +23,11 @@ PH_INLINE bool asks_for_light(const SceneView& scene) {
   return scene.light_tree.light_count != 0 || scene.outside_first != scene.smooth_first;
 }
 
+// Whether most light samples choose among several lights that lie in the scene.
+PH_INLINE bool chooses_lights(const SceneView& scene) {
+  return scene.light_tree.light_count > 1 && scene.outside_share < 0.5f;
+}
+
 // From an instance's frame: how many steradians there a steradian of the scene becomes.
 PH_INLINE float solid_angle_ratio(const Instance& instance, float stretch) {
   return instance.determinant / (stretch * stretch * stretch);

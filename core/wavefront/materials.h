@@ -129,7 +129,7 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
         v.plain.set(k, form);
         if constexpr (NeedsTables<Form>) v.from.set(k, from(form, v.local_wo.at(k)));
         if constexpr (HasGloss<Form>) {
-          if (scene.light_tree.light_count > 1) turn_to_gloss<Form>(k, v);
+          if (chooses_lights(scene)) turn_to_gloss<Form>(k, v);
         }
       });
       if constexpr (Prepares<Material>) {
