@@ -70,9 +70,14 @@ PH_INLINE DirectSample emitter_sample(const SceneView& scene, Slot slot, const I
   if (!(t.pdf > 0.0f)) return out;
   const ShapeRecord& record = shape_of(scene, id);
   const MaterialRecord& material = material_of(scene, record, id);
-  if (!instance && !record.normals && material.emission_texture == kNone && !scene.has_holes) {
+  if (!instance && material.emission_texture == kNone && !scene.has_holes) {
     // As of most: nothing matters but the side that is seen.
-    const bool front = (dot(t.direction, t.normal) < 0.0f) != record.inside_out;
+    bool front = (dot(t.direction, t.normal) < 0.0f) != record.inside_out;
+    if (record.normals) {
+      Vec3 normal = t.normal, shading;
+      orient(record, id, t.parameter, normal, shading);
+      front = dot(t.direction, normal) < 0.0f;
+    }
     out.radiance = emission(material, own_color(scene, id, nullptr), front);
     return out;
   }
