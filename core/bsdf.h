@@ -15,7 +15,7 @@
 //   albedo(m)               for features, if the colour is not good enough
 //   emitted(m)              radiance, only if it shines
 //   float mirror_pull       behind its parameters, 0 in blocks, if it chooses by chance what to
-//                           mirror: how much more often than by its share it does
+//                           mirror: by how much the share that does is raised, 1 doubles it
 //   prepare(m, wo)          a struct of what depends on m and wo alone, if that is much: then there
 //                           are evaluate(m, prepared, wo, wi) and sample(m, prepared, wo, u, out)
 //                           instead of those without it
@@ -31,10 +31,11 @@
 //     evaluate(f, from, to, wo, wi)
 //     choose(f, from, wo, u, wi)      the direction of a sample; false where the path ends
 //     gloss(f, wo), or, with tables, gloss(f, from, wo)      if it has any: Gloss (microfacet.h)
-//                           A form with a matte part, which scatters by one factor of wo and
-//                           another of wi, may have
-//     let_out(f, wo)        the former, and, if it needs tables,
-//     matte(f, from, to, wo, wi)      what that part adds to the value
+//                           An opaque form with a matte part, which scatters by one factor of wo
+//                           and another of wi, may have
+//     let_out(f, wo)        the former, of wo.z alone; and, if it needs tables,
+//     matte(f, from, to, wo, wi)      what that part adds to the value. Without tables it is all
+//                           but a mirror image.
 #pragma once
 #include "entry.h"
 #include "random.h"

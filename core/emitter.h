@@ -39,7 +39,8 @@ PH_INLINE u32 emitter_index(const SceneView& scene, const Surface& s) {
   return s.slot.instance == kNone ? local : scene.instances[s.slot.instance].first_emitter + local;
 }
 
-// Density with which sample_light picks the direction from a point to the surface s, which shines.
+// Density with which a light sample that is asked for at a point, with a highlight or none, picks
+// the direction to the surface s, which shines.
 PH_INLINE float emitter_pdf(const SceneView& scene, const Surface& s, const Receiver& from,
                             const Highlight& highlight, Vec3 direction) {
   const u32 index = emitter_index(scene, s);

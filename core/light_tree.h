@@ -6,6 +6,9 @@
 // and G. Humphreys, "Physically Based Rendering", 4th edition, section 12.6.3. Ours has sixteen
 // children a node, all weighed at once.
 //
+// What a surface mirrors it does not scatter alike to everywhere: a point may come with a
+// highlight, by which clusters are weighed, too.
+//
 // A cluster is a sphere around its lights; `axis` and cos_o bound their normals, and cos_e how far
 // from its normal a light shines. Angles are handled as cosine and sine. Lights on the horizon of
 // the receiver, or that see it on theirs, keep a small importance: rounding must not lose one that
@@ -127,7 +130,7 @@ PH_INLINE Lanes light_in_highlight(const LightPairs& p, const Lanes& inverse, co
                                    const Lanes& gloss, const Lanes& tightness) {
   const Lanes one = all(1.0f);
   const Lanes along = (x * p.dx + y * p.dy + z * p.dz) * inverse;
-  const Lanes c = shrink(angle_of(max(all(-1.0f), min(along, one))), half).c;
+  const Lanes c = min(shrink(angle_of(max(all(-1.0f), min(along, one))), half).c, one);
   const Lanes fall = all(0.5f) * ((one + c) + (one - c) * tightness);
   return (one - gloss) + gloss / (fall * fall);
 }

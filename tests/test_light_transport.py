@@ -434,3 +434,29 @@ def test_lamps_seen_in_gloss_are_the_sum_of_each(kind: str, count: int) -> None:
     gap = together - apart
     assert mean_p(gap, np.zeros(8)) > SIGNIFICANCE / 10  # of each row
     assert abs(gap.mean() / apart.mean()) < 0.01
+
+
+def test_gloss_before_chalk_behind_a_veil_adds_up_too() -> None:
+    """Paths go on from gloss to chalk, from chalk to gloss, and through half of a veil."""
+    gold, veil = GLOSSY["gold"], ph.Material("diffuse", color=(0.6, 0.6, 0.6), opacity=0.5)
+    things = [
+        ph.Spheres([(0.5, 0, 0)], 0.6, gold),
+        ph.Spheres([(-0.7, 0, 0)], 0.5, ph.Material("diffuse", color=(0.7, 0.7, 0.7))),
+        ph.Spheres([(0, -51, 0)], 50.0, GLOSSY["principled"]),
+        ph.Spheres([(0, 0.2, 0.9)], 0.3, veil),
+    ]
+    centers = [(2.0, 1.5, 0.5), (-2.0, 1.0, 1.0), (0.3, 2.0, 1.0), (-0.5, 1.0, -2.0)]
+    glow = [(30, 10, 5), (5, 20, 10), (3, 5, 20), (10, 10, 10)]
+
+    def runs(shining: set[int]) -> np.ndarray:
+        lamps = [
+            lamp(c, 0.2, np.array(g if i in shining else (0, 0, 0), float))
+            for i, (c, g) in enumerate(zip(centers, glow, strict=True))
+        ]
+        settings = {"spp": 256, "count": 24, "max_depth": 5, "sampler": "independent"}
+        return Look(size=8).runs(*things, *lamps, **settings).astype(float).mean(axis=(2, 3))
+
+    together, apart = runs({0, 1, 2, 3}), sum(runs({i}) for i in range(4))
+    gap = together - apart
+    assert mean_p(gap, np.zeros(8)) > SIGNIFICANCE / 10
+    assert abs(gap.mean() / apart.mean()) < 0.01

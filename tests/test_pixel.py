@@ -43,6 +43,7 @@ def everything() -> ph.Scene:
         ph.Material("principled", metallic=0.5, clearcoat=0.5, color=checker),
         ph.Material("principled", metallic=0.5, color=checker),
         ph.Material("principled", priority=3, color=(0.5, 0.6, 0.7)),
+        ph.Material("dielectric", roughness=0.01),  # as good as smooth, but no plain form
     ]
 
     def image(high: int, channels: int, channel: str = "rgb") -> ph.Texture:

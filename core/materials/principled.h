@@ -256,7 +256,9 @@ PH_INLINE Gloss gloss(const PlainPrincipled& m, const PlainPrincipled::From& see
   return gloss_of(facets(m), b.mirror_share, b.matte_share, wo);
 }
 
-inline float let_out(const PlainPrincipled& m, Vec3 wo) { return 1.0f - from(m, wo).gloss_share; }
+inline float let_out(const PlainPrincipled& m, Vec3 wo) {
+  return m.metallic < 1.0f ? 1.0f - gloss_reflected(facets(m), m.ior, wo) : 0.0f;
+}
 PH_INLINE Vec3 matte(const PlainPrincipled& m, const PlainPrincipled::From& seen,
                      const PlainPrincipled::To&, Vec3 wo, Vec3 wi) {
   const float above = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;

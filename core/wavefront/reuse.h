@@ -4,7 +4,7 @@
 // A group is one sample of each of a few pixels. What a path has found from its second surface on
 // can be seen from the first surfaces of the others, too, where nothing lies in between. By the
 // balance heuristic each of them gets its share: its own density of going there over the sum of all
-// that could. First surfaces are those whose materials have plain forms. Of second ones it is the
+// that could. First surfaces are opaque ones in plain forms. Of second ones it is the
 // matte part that is shared, which sends the same light towards everywhere, but for what a boundary
 // above lets out there (let_out in bsdf.h). What is glossy there or was mirrored by either of the
 // two stays with its path, and so does all that other paths have found. Who shares what depends on
@@ -137,6 +137,7 @@ inline void start_groups(const Wave& wave, const Kinds& kinds, const Vertices& v
 // What share of the light that a surface scatters from wo towards wi its matte part does.
 template <HasMatte Form>
 PH_INLINE Vec3 matte_share(const PlainSurfaces& v, u32 k, Vec3 wi) {
+  static_assert(NeedsTables<Form> || !HasGloss<Form>, "what is glossy has to be told apart");
   if constexpr (NeedsTables<Form>) {
     const Form form = v.plain.at<Form>(k);
     const auto seen = v.from.at<typename Form::From>(k);
@@ -185,8 +186,9 @@ PH_INLINE bool leave_group(PathGroup& g, u32 i, Vec3 light) {
 struct Ways {
   Rows<Vec3, kReused> direction, share;
   float distance[kReused], density[kReused];
-  float spread[kReused];  // density per area over that per solid angle; 0 as above
-  float let_out[kReused];
+  float per_angle[kReused];  // density per area over that per solid angle; 0 as above
+  float cosine[kReused];     // at the second surface, in its frame
+  float let_out[kReused] = {};
 };
 
 PH_APART inline void find_ways(PathGroup& __restrict g, u32 j, Ways& __restrict ways) {
@@ -203,8 +205,8 @@ PH_APART inline void find_ways(PathGroup& __restrict g, u32 j, Ways& __restrict 
     g.first.local_wi.set(i, to_local(g.first.frame.at(i), direction));
     ways.direction.set(i, direction);
     ways.distance[i] = distance;
-    ways.spread[i] = can ? arrives / square : 0.0f;
-    ways.let_out[i] = -dot(direction, end_facing);
+    ways.per_angle[i] = can ? arrives / square : 0.0f;
+    ways.cosine[i] = -dot(direction, end_facing);
   }
 }
 
@@ -212,9 +214,9 @@ template <HasMatte Form>
 PH_APART inline void find_let_out(const Form& form, u32 lanes, Ways& __restrict ways) {
   if constexpr (NeedsTables<Form>) {
     for_each_bit(lanes,
-                 [&](u32 i) { ways.let_out[i] = let_out(form, Vec3{0, 0, ways.let_out[i]}); });
+                 [&](u32 i) { ways.let_out[i] = let_out(form, Vec3{0, 0, ways.cosine[i]}); });
   } else {
-    for (float& share : ways.let_out) share = let_out(form, Vec3{0, 0, share});
+    for (u32 i = 0; i < kReused; ++i) ways.let_out[i] = let_out(form, Vec3{0, 0, ways.cosine[i]});
   }
 }
 
@@ -222,7 +224,7 @@ PH_APART inline void weigh_ways(const PathGroup& __restrict g, Ways& __restrict 
   for (u32 i = 0; i < kReused; ++i) {
     const BsdfValue f = g.first.scattered.at(i);
     const Vec3 share = g.throughput.at(i) * f.value * (1.0f / f.pdf);
-    const float density = f.pdf * ways.spread[i];
+    const float density = f.pdf * ways.per_angle[i];
     // The sum is neither where a density is so small that its inverse has no bound.
     const bool can = (min(share.x, min(share.y, share.z)) >= kLeastShare) &
                      (share.x + share.y + share.z < kInfinity) & (density > 0.0f) &
@@ -242,7 +244,7 @@ inline void share_out(const SceneView& scene, const RenderView& view, PathGroup&
     Ways ways;
     find_ways(g, j, ways);
     u32 facing = 0;
-    for_each_bit(g.starts, [&](u32 i) { facing |= (ways.spread[i] > 0.0f ? 1u : 0u) << i; });
+    for_each_bit(g.starts, [&](u32 i) { facing |= (ways.per_angle[i] > 0.0f ? 1u : 0u) << i; });
     for_each_matte_form(g.end_kinds, [&]<class Form>(u32, u32 these) {
       if ((these >> j & 1u) != 0) find_let_out(g.end_plain.at<Form>(j), facing, ways);
     });

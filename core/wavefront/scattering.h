@@ -186,7 +186,8 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
         },
         [&](u32 k) {
           BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
-          const Material material = from_block<Material>(*v.block[k]);
+          Material material = from_block<Material>(*v.block[k]);
+          pull_to_mirror(scene, p.depth[k], material);
           const Vec3 wo = v.local_wo.at(k);
           const BsdfDraws u = draws.bsdf(k);
           bool there;

@@ -191,9 +191,10 @@ void tree_loses_no_light() {
     if (k % 3 == 0) facing = normalize(facing - to * (dot(facing, to) / dot(to, to)) + to * 1e-4f);
     if (!(dot(to, normal) < 0.0f) || !(dot(to, facing) > 0.0f)) continue;
     ++seen;
-    const Highlight highlight = {random_direction(), 0.99f, std::exp2(27.0f * uniform())};
-    lost +=
-        light_probability(tree.view(), i, {from, facing}, k % 5 ? kNoHighlight : highlight) == 0.0f;
+    const Highlight highlight = {random_direction(), 0.99f,
+                                 std::exp2(std::floor(28.0f * uniform()))};
+    const Highlight any = k % 5 ? kNoHighlight : highlight;
+    lost += !(light_probability(tree.view(), i, {from, facing}, any) > 0.0f);
   }
   CHECK(seen > 100000);
   CHECK(lost == 0);
