@@ -31,18 +31,18 @@ struct Paths {
   Slot slot[kBatch];  // what the ray hits, once it has been traced; its leaf is kNone for nothing
   float t[kBatch];    // and how far away
   Rows<Vec3, kBatch> sum, throughput;
-  Rows<Receiver, kBatch> receiver;  // the vertex that the ray leaves
-  u32 glossy;                       // bits for those whose vertices have one
-  Rows<Highlight, kBatch> highlight;
-  float scatter_pdf[kBatch];  // of its direction; 0 if no light sample could have found it
-  float eta_scale[kBatch];    // undoes the squeezing of radiance in glass, for the roulette
-  float width[kBatch];        // of the cone around the ray that stands for its neighbours: at the
-  float spread[kBatch];       // ray's origin, and what it grows by per unit of length
-  float travelled[kBatch];    // from the camera
-  u32 depth[kBatch];          // rays so far, the camera's own included
-  u32 channel[kBatch];        // of red, green and blue the only one left, 0 to 2; kNone: any
-  u32 holes[kBatch];          // passed by all rays so far
-  u32 tag[kBatch];            // which sample, to those who asked for it
+  Rows<Receiver, kBatch> receiver;    // the vertex that the ray leaves
+  u32 glossy;                         // bits for those whose vertices have highlights
+  Rows<Highlight, kBatch> highlight;  // of others unset
+  float scatter_pdf[kBatch];          // of its direction; 0 if no light sample could have found it
+  float eta_scale[kBatch];            // undoes the squeezing of radiance in glass, for the roulette
+  float width[kBatch];      // of the cone around the ray that stands for its neighbours: at the
+  float spread[kBatch];     // ray's origin, and what it grows by per unit of length
+  float travelled[kBatch];  // from the camera
+  u32 depth[kBatch];        // rays so far, the camera's own included
+  u32 channel[kBatch];      // of red, green and blue the only one left, 0 to 2; kNone: any
+  u32 holes[kBatch];        // passed by all rays so far
+  u32 tag[kBatch];          // which sample, to those who asked for it
   SamplerBatch<kBatch> samplers;
   Media media[kBatch];
 

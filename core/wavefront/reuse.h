@@ -4,13 +4,13 @@
 // A group is one sample of each of a few pixels. What a path has found from its second surface on
 // can be seen from the first surfaces of the others, too, where nothing lies in between. By the
 // balance heuristic each of them gets its share: its own density of going there over the sum of all
-// that could. First surfaces are opaque ones in plain forms. Of second ones it is the
-// matte part that is shared, which sends the same light towards everywhere, but for what a boundary
-// above lets out there (let_out in bsdf.h). What is glossy there or was mirrored by either of the
-// two stays with its path, and so does all that other paths have found. Who shares what depends on
-// the two surfaces alone, never on which way a path went on from the first or what it found beyond
-// the second, or means would differ. (But for the width at which a texture of the second is seen,
-// that of the path which was there.)
+// that could. First surfaces are opaque ones in plain forms. Of second ones it is the matte part
+// that is shared, which sends the same light towards everywhere, but for what a boundary above lets
+// out there (let_out in bsdf.h). What is glossy there or was mirrored by either of the two stays
+// with its path, and so does all that other paths have found. Who shares what depends on the two
+// surfaces alone, never on which way a path went on from the first or what it found beyond the
+// second, or means would differ. (But for the width at which a texture of the second is seen, that
+// of the path which was there.)
 #pragma once
 #include "../ray_batch.h"
 #include "kinds.h"
@@ -29,7 +29,7 @@ struct PathGroup {
   u32 x[kReused], y[kReused], sample, count;
   u32 going;  // paths that have not ended
   // First surfaces, bits in `starts` for those that there are: where rays leave them, the normals
-  // on the side of these rays, of the surface and of its frame, and what share of light arrives.
+  // on the side of these rays, of the surface and of its frame, and their paths' throughput there.
   u32 starts;
   Kinds kinds;
   PlainSurfaces first;
