@@ -46,6 +46,8 @@ _BUSY = 0.7
 _FIRST = 1 << 15
 # Edge of a tile in pixels, at most and at least, and tiles that there should be for each worker
 EDGE, _LEAST_EDGE, TILES = 64, 16, 8
+# Multiples of it, without their whole parts, lie evenly however many there are
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 # Units that are handed out before what came is looked at
 _AT_ONCE = 64
 # A picture that is ended early is to be about even: seconds that the first units of all tiles take
@@ -122,7 +124,8 @@ class Workers:
         self._tiles: list[_Tile] = []
         self._under_way: dict[Task, _Tile] = {}
         self._numbers = itertools.count()
-        self._samples, self._seconds = 0.0, 0.0  # of the last units, whose ratio is the speed
+        self._units, self._seconds = 0.0, 0.0  # the last ones, and what their samples took, each
+        self._largest = 0  # samples of the largest unit that came back
         self._left = 0  # samples that no unit has yet
         self._cost = 0.0  # seconds that a unit keeps this process busy
 
@@ -224,9 +227,10 @@ class Workers:
         begun = self._counts[tile.at].copy()
         samples = float(_FIRST)
         if self._seconds:
-            speed, workers = self._samples / self._seconds, max(1, len(self._roster.ready))
+            speed, workers = self._units / self._seconds, max(1, len(self._roster.ready))
             had, left = int(begun.sum(dtype=np.int64)) / speed, self._left / speed
             samples = speed * unit_seconds(left, had, len(self._tiles), workers, self._cost)
+            samples = min(samples, _GROWTH * self._largest)  # the first may be of the sky
         most = int((np.maximum(wanted, begun) - begun).max())
         step = even_part(most, samples / max(1, int(np.count_nonzero(wanted > begun))))
         to = np.minimum(wanted, begun + np.uint32(step))
@@ -263,8 +267,10 @@ class Workers:
         tile.failed_with.clear()
         self._took_part[seen.worker] = seen
         if seen.samples:
-            self._samples = 0.9 * self._samples + seen.samples
-            self._seconds = 0.9 * self._seconds + seen.seconds
+            # The same weight for each: those of the sky have many times as many samples.
+            self._units = 0.9 * self._units + 1.0
+            self._seconds = 0.9 * self._seconds + seen.seconds / seen.samples
+            self._largest = max(self._largest, seen.samples)
 
     def _failed(self, tile: _Tile, unit: Unit, failed: Failed) -> None:
         """Counts a failure, and after the last tells of it."""
@@ -325,7 +331,9 @@ def _by_pixel(film: Any, targets: NDArray[np.uint32]) -> NDArray[np.uint32]:
 
 
 def _tiles(film: Any, workers: int) -> list[_Tile]:
-    """The tiles of a film: large ones, if there are enough of them for all workers."""
+    """The tiles of a film: large ones, if there are enough of them for all workers. In an order
+    whose first few lie all over the picture, as they tell how long those to come will take.
+    """
     edge = EDGE
     while edge > _LEAST_EDGE and (film.width * film.height) / edge**2 < TILES * workers:
         edge //= 2
@@ -337,7 +345,9 @@ def _tiles(film: Any, workers: int) -> list[_Tile]:
         ]
         for first, size in ((film.x, film.width), (film.y, film.height))
     ]
-    return [_Tile(x, y, width, height) for y, height in sides[1] for x, width in sides[0]]
+    tiles = [_Tile(x, y, width, height) for y, height in sides[1] for x, width in sides[0]]
+    order = sorted(range(len(tiles)), key=lambda i: i * _GOLDEN % 1.0)
+    return [tiles[i] for i in order]
 
 
 def _shortened(counts: NDArray[np.uint32]) -> Any:
