@@ -1,7 +1,8 @@
 // The nearest hits of sixteen rays that lie close together, such as those of a pixel. Each node is
-// tested once for all of them, by bounds of what any of them meets; a leaf's box once for the
-// sixteen; and its primitives by each that meets that box. What is found is what each ray finds by
-// itself.
+// tested once for all of them, by bounds of what any of them meets. Of a leaf of spheres those that
+// any may meet are found at once, and each is tested against all rays; the box of another is tested
+// once for the sixteen, and its primitives by each that meets that box. What is found is what each
+// ray finds by itself.
 #pragma once
 #include "ray_batch.h"
 
@@ -11,26 +12,40 @@ namespace parhelion::PH_ISA {
 struct RayBounds {
   Vec3 low, high, inverse_low, inverse_high;
   u32 sign[3];
+  Bundle bundle;
 };
 
-// False where there are none, as directions differ in sign or have a 0.
+// Of some lanes, of which there is one.
+PH_INLINE void span(const Rows<Vec3, kBatch>& rows, u32 lanes, Vec3& low, Vec3& high) {
+  const Vec3 first = rows.at(lowest_bit(lanes));
+  float own[3][kBatch];
+  for (u32 k = 0; k < kBatch; ++k) {
+    const bool one = (lanes >> k & 1u) != 0;
+    own[0][k] = one ? rows.row[0][k] : first.x;
+    own[1][k] = one ? rows.row[1][k] : first.y;
+    own[2][k] = one ? rows.row[2][k] : first.z;
+  }
+  extremes(own, low, high);
+}
+
+// False where there are none, as directions differ in sign or have a 0, or something is no number.
 PH_INLINE bool bounds_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBatch>& direction,
                          u32 lanes, RayBounds& b) {
-  const u32 first = lowest_bit(lanes);
-  b.low = b.high = origin.at(first);
-  Vec3 least = direction.at(first), most = least;
-  for_each_bit(lanes, [&](u32 k) {
-    const Vec3 o = origin.at(k), d = direction.at(k);
-    b.low = min(o, b.low), b.high = max(o, b.high);  // in this order NaN is passed over
-    least = min(d, least), most = max(d, most);
-  });
+  Vec3 d_low, d_high;
+  span(origin, lanes, b.low, b.high);
+  span(direction, lanes, d_low, d_high);
   // Rounding keeps the order of numbers, so that bounds of the inverses are inverses of bounds.
-  b.inverse_low = {1.0f / most.x, 1.0f / most.y, 1.0f / most.z};
-  b.inverse_high = {1.0f / least.x, 1.0f / least.y, 1.0f / least.z};
+  b.inverse_low = {1.0f / d_high.x, 1.0f / d_high.y, 1.0f / d_high.z};
+  b.inverse_high = {1.0f / d_low.x, 1.0f / d_low.y, 1.0f / d_low.z};
   b.sign[0] = b.inverse_low.x < 0.0f, b.sign[1] = b.inverse_low.y < 0.0f;
   b.sign[2] = b.inverse_low.z < 0.0f;
-  return least.x * most.x > 0.0f && least.y * most.y > 0.0f && least.z * most.z > 0.0f &&
-         finite(b.inverse_low) && finite(b.inverse_high);
+  const auto reach = [](Vec3 low, Vec3 high) {  // from the middle, with room for its rounding
+    return 0.5f * length(high - low) * (1.0f + 0x1p-20f) + kBoxPad;
+  };
+  b.bundle = {(b.low + b.high) * 0.5f, (d_low + d_high) * 0.5f, reach(b.low, b.high),
+              reach(d_low, d_high)};
+  return d_low.x * d_high.x > 0.0f && d_low.y * d_high.y > 0.0f && d_low.z * d_high.z > 0.0f &&
+         finite(b.inverse_low) && finite(b.inverse_high) && finite(b.low) && finite(b.high);
 }
 
 // Bit i: some ray may meet child i's box before `limit`, at near[i] at the earliest.
@@ -53,25 +68,91 @@ PH_INLINE u32 test_boxes_for_any(const Node& node, const RayBounds& rays, float 
   return bits(first <= last * all(kSlabSlack));
 }
 
+// The nearest hits so far, as NearestHit. t is 0 in lanes that take no part.
+struct NearestHits {
+  alignas(64) float t[kBatch];
+  u32 id[kBatch], leaf[kBatch], lane[kBatch], instance[kBatch];
+
+  PH_INLINE NearestHit at(u32 k) const {
+    return {{t[k], {leaf[k], lane[k], instance[k]}}, id[k], kNoSlot};
+  }
+  PH_INLINE void set(u32 k, const NearestHit& best) {
+    t[k] = best.hit.t, id[k] = best.id;
+    leaf[k] = best.hit.slot.leaf, lane[k] = best.hit.slot.lane;
+    instance[k] = best.hit.slot.instance;
+  }
+};
+
 struct Packet {
-  Rows<Vec3, kBatch> origin;
-  SlabRows slabs;
-  Ray ray[kBatch];
-  float limit[kBatch];  // 0 in lanes that take no part
-  NearestHit best[kBatch];
+  Rows<Vec3, kBatch> origin, direction, inverse;
+  NearestHits best;
 };
 
 // Bit k: ray k meets the box of a node's child before its own limit.
 PH_INLINE u32 test_box_for_each(const Node& node, u32 child, const Packet& rays,
                                 const RayBounds& bounds) {
-  Lanes first = all(0.0f), last = load(rays.limit);
+  Lanes first = all(0.0f), last = load(rays.best.t);
   for (u32 axis = 0; axis < 3; ++axis) {
     const float low = node.low[axis][child], high = node.high[axis][child];
-    const Lanes o = load(rays.origin.row[axis]), inverse = load(rays.slabs.inverse.row[axis]);
+    const Lanes o = load(rays.origin.row[axis]), inverse = load(rays.inverse.row[axis]);
     first = max((all(bounds.sign[axis] ? high : low) - o) * inverse, first);
     last = min((all(bounds.sign[axis] ? low : high) - o) * inverse, last);
   }
   return bits(first <= last * all(kSlabSlack));
+}
+
+// One primitive against all rays.
+template <class Shape>
+PH_APART inline void test_primitive(const Shape& shape, Child leaf, u32 lane, u32 id,
+                                    const Rows<Vec3, kBatch>& __restrict origin,
+                                    const Rows<Vec3, kBatch>& __restrict direction,
+                                    NearestHits& __restrict best) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const float t = intersect_one(shape, origin.at(k), direction.at(k));
+    const bool first = (best.instance[k] != kNone) | (id < best.id[k]);
+    const bool nearer = (0.0f < t) & ((t < best.t[k]) | ((t == best.t[k]) & first));
+    best.t[k] = nearer ? t : best.t[k];
+    best.id[k] = nearer ? id : best.id[k];
+    best.leaf[k] = nearer ? leaf : best.leaf[k];
+    best.lane[k] = nearer ? lane : best.lane[k];
+    best.instance[k] = nearer ? kNone : best.instance[k];
+  }
+}
+
+// A leaf, which is a node's child, and all rays: where a shape can tell which of its primitives any
+// of them may meet before `limit`, those one by one; else ray by ray.
+PH_INLINE void test_leaf_together(const SceneView& scene, const Node& node, u32 lane,
+                                  const RayBounds& bounds, float limit, u32 lanes, Packet& rays) {
+  const Child leaf = node.child[lane];
+  const auto each = [&](auto&& test) {
+    for_each_bit(test_box_for_each(node, lane, rays, bounds) & lanes, [&](u32 k) {
+      NearestHit best = rays.best.at(k);
+      test(Ray{rays.origin.at(k), rays.direction.at(k), kNoSlot, false}, best);
+      rays.best.set(k, best);
+    });
+  };
+  const auto block = [&](const auto& own) {
+    if constexpr (requires { intersect_bundle(own, bounds.bundle, limit); }) {
+      for_each_bit(intersect_bundle(own, bounds.bundle, limit), [&](u32 i) {
+        test_primitive(primitive(own, i), leaf, i, own.id[i], rays.origin, rays.direction,
+                       rays.best);
+      });
+    } else {
+      each([&](const Ray& ray, NearestHit& best) { test_block<false>(own, leaf, ray, best); });
+    }
+  };
+  const u32 index = leaf & kLeafIndexMask;
+  switch (leaf_kind(leaf)) {
+#define SHAPE(name, Type) \
+  case ShapeKind::name: return block(scene.name##s[index]);
+#include "shapes.def"
+#undef SHAPE
+    case ShapeKind::instance:
+      return each([&](const Ray& ray, NearestHit& best) {
+        test_instance<false>(scene, index, ray, true, best);
+      });
+  }
+  compiler::unreachable();
 }
 
 // From an inner node on.
@@ -104,13 +185,21 @@ inline void walk_together(const SceneView& scene, Child root, u32 lanes, const R
         inner = child;
         break;
       }
-      for_each_bit(test_box_for_each(node, lane, rays, bounds) & lanes, [&](u32 k) {
-        test_leaf<false, false>(scene, child, rays.ray[k], rays.best[k]);
-        rays.limit[k] = rays.best[k].hit.t;
-      });
-      limit = 0.0f;
-      for (u32 k = 0; k < kBatch; ++k) limit = max(limit, rays.limit[k]);
+      test_leaf_together(scene, node, lane, bounds, limit, lanes, rays);
+      limit = most(rays.best.t);
     }
+  }
+}
+
+PH_APART inline void begin_packet(const Rows<Vec3, kBatch>& __restrict direction, u32 lanes,
+                                  Rows<Vec3, kBatch>& __restrict inverse,
+                                  NearestHits& __restrict best) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Vec3 d = direction.at(k);
+    inverse.set(k, Vec3{1.0f / d.x, 1.0f / d.y, 1.0f / d.z});
+    best.t[k] = (lanes >> k & 1u) != 0 ? kInfinity : 0.0f;
+    best.id[k] = best.leaf[k] = best.instance[k] = kNone;
+    best.lane[k] = 0;
   }
 }
 
@@ -128,16 +217,10 @@ inline void intersect_close(const SceneView& scene, const Rows<Vec3, kBatch>& or
     return;
   }
   Packet rays;
-  rays.origin = origin;
-  find_slabs(direction, rays.slabs);
-  for (float& limit : rays.limit) limit = 0.0f;
-  for_each_bit(lanes, [&](u32 k) {
-    rays.ray[k] = {origin.at(k), direction.at(k), kNoSlot, false};
-    rays.limit[k] = kInfinity;
-    rays.best[k] = {{kInfinity, kNoSlot}, kNone, kNoSlot};
-  });
+  rays.origin = origin, rays.direction = direction;
+  begin_packet(direction, lanes, rays.inverse, rays.best);
   walk_together(scene, scene.root, lanes, bounds, rays);
-  for_each_bit(lanes, [&](u32 k) { hit[k] = rays.best[k].hit; });
+  for_each_bit(lanes, [&](u32 k) { hit[k] = rays.best.at(k).hit; });
 }
 
 }  // namespace parhelion::PH_ISA

@@ -94,7 +94,13 @@ PH_INLINE Quad load_quad(const short* p) {
   const __m128i four = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(p));
   return {_mm_cvtepi32_ps(_mm_cvtepi16_epi32(four))};
 }
+PH_INLINE Quad load_quad(const float* p) { return {_mm_loadu_ps(p)}; }
 PH_INLINE void store(float (&to)[4], Quad a) { _mm_storeu_ps(to, a.v); }
+PH_INLINE Quad min(Quad a, Quad b) { return {_mm_min_ps(a.v, b.v)}; }
+PH_INLINE Quad max(Quad a, Quad b) { return {_mm_max_ps(a.v, b.v)}; }
+PH_INLINE void transpose(Quad& a, Quad& b, Quad& c, Quad& d) {
+  _MM_TRANSPOSE4_PS(a.v, b.v, c.v, d.v);
+}
 PH_INLINE Quad operator+(Quad a, Quad b) { return {a.v + b.v}; }
 PH_INLINE Quad operator-(Quad a, Quad b) { return {a.v - b.v}; }
 PH_INLINE Quad operator*(Quad a, float s) { return {a.v * _mm_set1_ps(s)}; }
@@ -111,6 +117,23 @@ PH_INLINE Quad load_quad(const Whole* p) {
 PH_INLINE void store(float (&to)[4], Quad a) {
   for (int k = 0; k < 4; ++k) to[k] = a.v[k];
 }
+PH_INLINE Quad min(Quad a, Quad b) {
+  for (int k = 0; k < 4; ++k) a.v[k] = min(a.v[k], b.v[k]);
+  return a;
+}
+PH_INLINE Quad max(Quad a, Quad b) {
+  for (int k = 0; k < 4; ++k) a.v[k] = max(a.v[k], b.v[k]);
+  return a;
+}
+PH_INLINE void transpose(Quad& a, Quad& b, Quad& c, Quad& d) {
+  Quad* const row[4] = {&a, &b, &c, &d};
+  for (int i = 0; i < 4; ++i) {
+    for (int k = 0; k < i; ++k) {
+      const float t = row[i]->v[k];
+      row[i]->v[k] = row[k]->v[i], row[k]->v[i] = t;
+    }
+  }
+}
 PH_INLINE Quad operator+(Quad a, Quad b) {
   return {{a.v[0] + b.v[0], a.v[1] + b.v[1], a.v[2] + b.v[2], a.v[3] + b.v[3]}};
 }
@@ -121,6 +144,30 @@ PH_INLINE Quad operator*(Quad a, float s) {
   return {{a.v[0] * s, a.v[1] * s, a.v[2] * s, a.v[3] * s}};
 }
 #endif
+
+// The least and the most of each of three rows of sixteen, with no NaN among them.
+PH_INLINE void extremes(const float (&row)[3][16], Vec3& least, Vec3& most) {
+  Quad low[4], high[4];
+  for (int k = 0; k < 3; ++k) {
+    const Quad a = load_quad(row[k]), b = load_quad(row[k] + 4);
+    const Quad c = load_quad(row[k] + 8), d = load_quad(row[k] + 12);
+    low[k] = min(min(a, b), min(c, d)), high[k] = max(max(a, b), max(c, d));
+  }
+  low[3] = low[2], high[3] = high[2];
+  transpose(low[0], low[1], low[2], low[3]);
+  transpose(high[0], high[1], high[2], high[3]);
+  float of[2][4];
+  store(of[0], min(min(low[0], low[1]), min(low[2], low[3])));
+  store(of[1], max(max(high[0], high[1]), max(high[2], high[3])));
+  least = {of[0][0], of[0][1], of[0][2]}, most = {of[1][0], of[1][1], of[1][2]};
+}
+// Of one.
+PH_INLINE float most(const float (&row)[16]) {
+  float four[4];
+  store(four,
+        max(max(load_quad(row), load_quad(row + 4)), max(load_quad(row + 8), load_quad(row + 12))));
+  return max(max(four[0], four[1]), max(four[2], four[3]));
+}
 
 // --- Sixteen lanes ----------------------------------------------------------------------------
 inline constexpr int kParts = kLanes / kNative;

@@ -31,50 +31,91 @@ PH_INLINE Sphere primitive(const SphereBlock& block, u32 lane) {
   return {{block.x[lane], block.y[lane], block.z[lane]}, block.radius[lane]};
 }
 
+// How a line passes a sphere: b, the discriminant and -c.
+template <class Number>
+struct Passing {
+  Number along, under, depth;
+};
+
+// f: from the ray's origin to the centre; d: its direction; r: the radius. Of one ray and sixteen
+// spheres, or of one and one.
+template <class Number>
+PH_INLINE Passing<Number> pass(const Number& fx, const Number& fy, const Number& fz,
+                               const Number& dx, const Number& dy, const Number& dz,
+                               const Number& r) {
+  const Number b = fx * dx + fy * dy + fz * dz;
+  const Number px = fx - b * dx, py = fy - b * dy, pz = fz - b * dz;
+  const Number r2 = r * r;
+  return {b, r2 - (px * px + py * py + pz * pz), r2 - (fx * fx + fy * fy + fz * fz)};
+}
+
+// The nearest root above 0, if the discriminant and any root are.
+PH_INLINE float first_root(float along, float under, float depth) {
+  const float s = sqrt(under);
+  const bool ahead = along > 0.0f;
+  const float q = along + (ahead ? s : -s);
+  const float other = -depth / q;
+  // Ahead of the ray, q is the far root and c / q the near one, behind the origin if it is inside.
+  return ahead && other <= 0.0f ? q : other;
+}
+
 // Distances to the block's spheres, and a bit for each that is hit at 0 < t <= limit.
 // self_lane: the lane that the ray starts on, or kNone.
 PH_INLINE u32 intersect(const SphereBlock& block, const Ray& ray, float limit, u32 self_lane,
                         float* distance) {
-  const Lanes dx = all(ray.direction.x), dy = all(ray.direction.y), dz = all(ray.direction.z);
   const Lanes fx = load(block.x) - all(ray.origin.x);
   const Lanes fy = load(block.y) - all(ray.origin.y);
   const Lanes fz = load(block.z) - all(ray.origin.z);
-  const Lanes b = fx * dx + fy * dy + fz * dz;
-  const Lanes px = fx - b * dx, py = fy - b * dy, pz = fz - b * dz;
-  const Lanes r = load(block.radius), r2 = r * r;
-  const Lanes discriminant = r2 - (px * px + py * py + pz * pz);
-  const Lanes inside = r2 - (fx * fx + fy * fy + fz * fz);
+  const Passing<Lanes> p = pass(fx, fy, fz, all(ray.direction.x), all(ray.direction.y),
+                                all(ray.direction.z), load(block.radius));
   // Of what the line meets a root is above 0 only ahead of the origin, or around it.
-  u32 touched = bits(all(0.0f) <= discriminant) & bits(all(0.0f) < max(b, inside));
+  u32 touched = bits(all(0.0f) <= p.under) & bits(all(0.0f) < max(p.along, p.depth));
   // What leaves a sphere for the outside meets it no more. kNone falls on bit 31, which is no lane.
   if (!ray.inward) touched &= ~(1u << self_lane % 32);
   if (touched == 0) return 0;
   // Few of sixteen are: their roots one by one are faster than sixteen at once.
-  alignas(64) float along[16], under[16], depth[16];  // depth: -c
-  store(along, b);
-  store(under, discriminant);
-  store(depth, inside);
+  alignas(64) float along[16], under[16], depth[16];
+  store(along, p.along);
+  store(under, p.under);
+  store(depth, p.depth);
   u32 hit = 0;
   do {
     const u32 lane = lowest_bit(touched);
     touched &= touched - 1;
-    const float at = along[lane], s = sqrt(under[lane]);
-    float t;
-    if (lane == self_lane) {
-      // Of the sphere underfoot the product is 0 exactly: one root is 0, the other 2b.
-      t = at + at;
-    } else {
-      const bool ahead = at > 0.0f;
-      const float q = ahead ? at + s : at - s;
-      const float other = -depth[lane] / q;
-      // Ahead of the ray, q is the far root and c / q the near one, behind the origin if it is
-      // inside.
-      t = ahead && other <= 0.0f ? q : other;
-    }
+    // Of the sphere underfoot c is 0 exactly: one root is 0, the other 2b.
+    const float t = lane == self_lane ? along[lane] + along[lane]
+                                      : first_root(along[lane], under[lane], depth[lane]);
     distance[lane] = t;
     hit |= static_cast<u32>(t > 0.0f && t <= limit) << lane;
   } while (touched != 0);
   return hit;
+}
+
+// A bit for each of the block's spheres that some ray of a bundle may hit before `limit`.
+PH_INLINE u32 intersect_bundle(const SphereBlock& block, const Bundle& rays, float limit) {
+  const Lanes fx = load(block.x) - all(rays.origin.x);
+  const Lanes fy = load(block.y) - all(rays.origin.y);
+  const Lanes fz = load(block.z) - all(rays.origin.z);
+  const Vec3 d = rays.direction;
+  const Lanes far = sqrt(fx * fx + fy * fy + fz * fz);
+  // Where the middle of the bundle is nearest to the centre, the rays lie around it, and a sphere
+  // of this radius holds all of those that the float test takes for hits (kBoxPad).
+  const Lanes along =
+      max((fx * all(d.x) + fy * all(d.y) + fz * all(d.z)) * all(1.0f / dot(d, d)), all(0.0f));
+  const Lanes size = load(block.radius) + all(rays.radius + kBoxPad);
+  const Lanes way = min(far + size, all(limit));
+  const Lanes within = size + way * all(rays.spread);
+  const Lanes px = fx - along * all(d.x), py = fy - along * all(d.y), pz = fz - along * all(d.z);
+  return bits(px * px + py * py + pz * pz <= within * within) & bits(far - size <= all(limit));
+}
+
+// The distance at which a ray that does not start on a sphere meets it; 0 if it does not.
+PH_INLINE float intersect_one(const Sphere& s, Vec3 origin, Vec3 direction) {
+  const Vec3 f = s.center - origin;
+  const Passing<float> p = pass(f.x, f.y, f.z, direction.x, direction.y, direction.z, s.radius);
+  const bool touched = (0.0f <= p.under) & (0.0f < max(p.along, p.depth));
+  const float t = first_root(p.along, p.under, p.depth);
+  return touched ? t : 0.0f;
 }
 
 // Where a ray meets the surface at distance t. The point is brought back onto the sphere; of a ray

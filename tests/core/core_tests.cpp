@@ -350,6 +350,59 @@ void rays_together_meet_what_each_meets() {
   CHECK(behind > 400);
 }
 
+// Spheres of all sizes that a bundle's rays graze, miss closely, start in and leave behind.
+void bundles_meet_what_their_rays_meet() {
+  using namespace baseline;
+  int hits = 0, left_out = 0, grazed = 0;
+  for (u32 i = 0; i < 3000; ++i) {
+    const auto s = make_sampler(SamplerKind::independent, 3, 1, i, 7);
+    const float spread = i % 3 == 0 ? 1e-6f : i % 3 == 1 ? 1e-3f : 0.1f;
+    const float lens = i % 2 == 0 ? 0.0f : 0.01f;
+    const Vec3 from = uniform_sphere(draw2(s, 0)) * 0.9f;
+    const Vec3 middle = normalize(Vec3{1.0f, 0.7f, 0.5f} + uniform_sphere(draw2(s, 1)) * 0.3f);
+    Rows<Vec3, kBatch> origin, direction;
+    for (u32 k = 0; k < kBatch; ++k) {
+      const Vec3 way = uniform_sphere(draw2(s, 2 + k));
+      origin.set(k, from + way * lens);
+      direction.set(k, normalize(middle + way * spread));
+    }
+    SphereBlock block;
+    for (u32 k = 0; k < 16; ++k) {
+      const Vec2 a = draw2(s, 20 + k), b = draw2(s, 40 + k);
+      const Vec3 o = origin.at(k), d = direction.at(k);
+      const float radius = std::exp(-14.0f * a.x), along = 2.0f * a.y - 0.4f;
+      const float near = b.x < 0.5f ? 1.0f + (b.y - 0.5f) * 1e-5f : 4.0f * b.y;  // of its radius
+      const Vec3 center = o + d * along + frame_along(d, {0, 0, 1}).x * (radius * near);
+      block.x[k] = center.x, block.y[k] = center.y, block.z[k] = center.z;
+      block.radius[k] = radius, block.id[k] = k;
+    }
+    block.x[i % 16] = std::numeric_limits<float>::quiet_NaN();  // an unused lane
+    RayBounds bounds;
+    CHECK(bounds_of(origin, direction, 0xffff, bounds));
+    for (const float limit : {kInfinity, 0.5f}) {
+      const u32 may = intersect_bundle(block, bounds.bundle, limit);
+      CHECK((may >> (i % 16) & 1u) == 0);
+      u32 any = 0;
+      for (u32 k = 0; k < kBatch; ++k) {
+        float t[16];
+        const Ray ray = {origin.at(k), direction.at(k), kNoSlot, false};
+        const u32 met = intersect(block, ray, limit, kNone, t);
+        CHECK((met & ~may) == 0);
+        for (u32 j = 0; j < 16; ++j) {
+          const float one = intersect_one(primitive(block, j), ray.origin, ray.direction);
+          CHECK((met >> j & 1u) == (one > 0.0f && one <= limit ? 1u : 0u));
+          if ((met >> j & 1u) != 0) CHECK(one == t[j]);
+        }
+        any |= met;
+        grazed += static_cast<int>(met >> k & 1u);
+      }
+      hits += std::popcount(any);
+      left_out += 16 - std::popcount(may);
+    }
+  }
+  CHECK(hits > 10000 && left_out > 10000 && grazed > 5000);
+}
+
 // Even numbers that have chosen a lobe are even ones for its directions, in [0, 1).
 void lobes_share_even_numbers() {
   for (const float chance : {0.0f, 1e-3f, 0.3f, 0.5f, 0.99f, 1.0f}) {
@@ -922,6 +975,7 @@ int main() {
   samples_that_are_not_finite_are_counted_and_left_out();
   rays_meet_the_same_through_the_tree_and_without();
   rays_together_meet_what_each_meets();
+  bundles_meet_what_their_rays_meet();
   lobes_share_even_numbers();
   plain_materials_are_the_whole();
   what_is_pulled_to_mirrors_is_as_bright();
