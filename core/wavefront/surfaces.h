@@ -6,9 +6,10 @@ namespace parhelion::PH_ISA {
 
 // Where rays meet primitives of one kind.
 template <class Shape>
-PH_APART inline void find_points(const Rows<Shape, kBatch>& __restrict shape,
-                                 const u32 (&__restrict these)[kBatch],
+PH_APART inline void find_points(const Rows<Shape, kBatch>& __restrict shape, u32 lanes,
                                  const Paths& __restrict paths, Vertices& __restrict v) {
+  u32 these[kBatch];
+  spread(lanes, these);
   for (u32 k = 0; k < kBatch; ++k) {
     const Ray ray = {paths.origin.at(k), paths.direction.at(k), kNoSlot, false};
     SurfacePoint s;
@@ -23,7 +24,9 @@ PH_APART inline void find_points(const Rows<Shape, kBatch>& __restrict shape,
 }
 
 // Turns normals to the outside of shapes that have no normals of their own.
-PH_APART inline void face_outside(const u32 (&__restrict these)[kBatch], Vertices& __restrict v) {
+PH_APART inline void face_outside(u32 lanes, Vertices& __restrict v) {
+  u32 these[kBatch];
+  spread(lanes, these);
   for (u32 k = 0; k < kBatch; ++k) {
     const float side = (these[k] & v.inside_out[k]) != 0 ? -1.0f : 1.0f;
     const Vec3 n = v.normal.at(k) * side;
@@ -32,53 +35,61 @@ PH_APART inline void face_outside(const u32 (&__restrict these)[kBatch], Vertice
   }
 }
 
+// Of the rarer shapes, instances, and spheres with textures, one by one.
+PH_APART inline void find_others(const SceneView& scene, const Paths& paths, u32 lanes,
+                                 u32 wants_uv, Vertices& v) {
+  for_each_bit(lanes, [&](u32 k) {
+    const Hit hit = {paths.t[k], paths.slot[k]};
+    v.set_surface(k, surface_at(scene, paths.ray(k), hit, (wants_uv >> k & 1u) != 0));
+  });
+}
+
 // The surfaces that paths have met. wants_uv: lanes that want them even if the material does not.
 inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes, u32 wants_uv,
                           Vertices& v) {
-  Rows<Triangle, kBatch> triangles = {};
-  Rows<Sphere, kBatch> spheres = {};
-  u32 is_triangle[kBatch] = {}, is_sphere[kBatch] = {}, is_bare[kBatch] = {};
-  u32 any_triangle = 0, any_sphere = 0, smooth = 0, parametrised = 0;
+  u32 flat = 0, round = 0, others = 0, bare = 0, smooth = 0, parametrised = 0;
+  for (u32 k = 0; k < kBatch; ++k) {
+    v.uv.set(k, Vec2{0, 0});
+    v.dpdu.set(k, Vec3{0, 0, 0});
+    v.dpdv.set(k, Vec3{0, 0, 0});
+    v.uv_rate[k] = 0.0f;
+  }
   for_each_bit(lanes, [&](u32 k) {
     const Slot slot = paths.slot[k];
-    const u32 bit = 1u << k;
+    const u32 bit = 1u << k, index = slot.leaf & kLeafIndexMask;
     const ShapeKind kind = leaf_kind(slot.leaf);
-    if (slot.instance == kNone && (kind == ShapeKind::triangle || kind == ShapeKind::sphere)) {
-      const u32 index = slot.leaf & kLeafIndexMask;
-      const bool flat = kind == ShapeKind::triangle;
-      const u32 id =
-          flat ? scene.triangles[index].id[slot.lane] : scene.spheres[index].id[slot.lane];
-      const ShapeRecord& shape = shape_of(scene, id);
-      const MaterialRecord& m = material_of(scene, shape, id);
-      const bool uv = m.uses_uv || (wants_uv & bit) != 0;
-      if (flat || !uv) {
-        v.id[k] = id;
-        v.shape[k] = &shape;
-        v.material[k] = &m;
-        v.color[k] = own_color(scene, id, nullptr);
-        v.inside_out[k] = shape.inside_out;
-        v.uv[k] = {0, 0};
-        v.dpdu[k] = v.dpdv[k] = {0, 0, 0};
-        v.uv_rate[k] = 0.0f;
-        if (flat) {
-          triangles.set(k, primitive(scene.triangles[index], slot.lane));
-          is_triangle[k] = 1, any_triangle = 1;
-        } else {
-          spheres.set(k, primitive(scene.spheres[index], slot.lane));
-          is_sphere[k] = 1, any_sphere = 1;
-        }
-        is_bare[k] = shape.normals == nullptr;
-        if (shape.normals) smooth |= bit;
-        if (uv) parametrised |= bit;
-        return;
-      }
+    const bool is_flat = kind == ShapeKind::triangle;
+    if (slot.instance != kNone || !(is_flat || kind == ShapeKind::sphere)) {
+      others |= bit;
+      return;
     }
-    // The rarer shapes, instances, and spheres with textures
-    v.set_surface(k, surface_at(scene, paths.ray(k), {paths.t[k], slot}, (wants_uv & bit) != 0));
+    const u32 id =
+        is_flat ? scene.triangles[index].id[slot.lane] : scene.spheres[index].id[slot.lane];
+    const ShapeRecord& shape = shape_of(scene, id);
+    const MaterialRecord& m = material_of(scene, shape, id);
+    const u32 uv = (m.uses_uv ? bit : 0u) | (wants_uv & bit);
+    if (is_flat) {
+      v.triangle.set(k, primitive(scene.triangles[index], slot.lane));
+      flat |= bit;
+      parametrised |= uv;
+    } else if (uv != 0) {
+      others |= bit;
+      return;
+    } else {
+      v.sphere.set(k, primitive(scene.spheres[index], slot.lane));
+      round |= bit;
+    }
+    (shape.normals ? smooth : bare) |= bit;
+    v.id[k] = id;
+    v.shape[k] = &shape;
+    v.material[k] = &m;
+    v.color.set(k, own_color(scene, id, nullptr));
+    v.inside_out[k] = shape.inside_out;
   });
-  if (any_triangle) find_points(triangles, is_triangle, paths, v);
-  if (any_sphere) find_points(spheres, is_sphere, paths, v);
-  face_outside(is_bare, v);
+  if (others != 0) find_others(scene, paths, others, wants_uv, v);
+  if (flat != 0) find_points(v.triangle, flat, paths, v);
+  if (round != 0) find_points(v.sphere, round, paths, v);
+  face_outside(bare, v);
   for_each_bit(smooth, [&](u32 k) {  // by vertices' normals
     Vec3 normal = v.normal.at(k), shading;
     orient(*v.shape[k], v.id[k], v.parameter.at(k), normal, shading);
@@ -88,9 +99,10 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
   for_each_bit(parametrised, [&](u32 k) {
     Surface s;
     const SurfacePoint p = {v.point.at(k), v.normal.at(k), v.parameter.at(k), v.error[k]};
-    parametrise(*v.shape[k], triangles.at(k), v.id[k], p, s);
-    v.uv[k] = s.uv;
-    v.dpdu[k] = s.dpdu, v.dpdv[k] = s.dpdv;
+    parametrise(*v.shape[k], v.triangle.at(k), v.id[k], p, s);
+    v.uv.set(k, s.uv);
+    v.dpdu.set(k, s.dpdu);
+    v.dpdv.set(k, s.dpdv);
     v.uv_rate[k] = uv_rate(s.dpdu, s.dpdv);
   });
 }
@@ -137,7 +149,7 @@ inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Ver
     f.position = v.point.at(k);
     f.normal = v.normal.at(k);
     f.shading_normal = v.shading.at(k);
-    f.uv = v.uv[k];
+    f.uv = v.uv.at(k);
     f.shape = slot.instance == kNone ? static_cast<u32>(v.shape[k] - scene.shapes)
                                      : scene.instances[slot.instance].shape;
     f.material = static_cast<u32>(&own - scene.materials);

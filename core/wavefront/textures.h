@@ -21,7 +21,7 @@ class TexelQueue {
     }
     const Image image = from_block<Image>(record.block);
     const TexturePoint own =
-        own_point(record, {vertices_.uv[k], width * vertices_.uv_rate[k], {0, 0, 0}},
+        own_point(record, {vertices_.uv.at(k), width * vertices_.uv_rate[k], {0, 0, 0}},
                   [](u32) { return Texel{{0, 0, 0}, 1}; });  // it takes no attribute for its uv
     images_.set(count_, scene_.textures.images[record.image], own.uv,
                 filtered_width(image, own.width), static_cast<Wrap>(image.wrap_u),
@@ -65,7 +65,7 @@ inline void find_parameters(const SceneView& scene, const Paths& p, u32 lanes, V
     const MaterialRecord& m = *v.record[k];
     v.block[k] = &m.block;
     textured |= (m.binding_count != 0 || m.normal_map != kNone ? 1u : 0u) << k;
-    colored |= (has_color(v.color[k]) ? 1u : 0u) << k;
+    colored |= (has_color(v.color.at(k)) ? 1u : 0u) << k;
   });
   if (textured != 0) {
     Texel texel[kBatch][kBlockFloats];
@@ -93,7 +93,7 @@ inline void find_parameters(const SceneView& scene, const Paths& p, u32 lanes, V
   for_each_bit(colored, [&](u32 k) {
     if (v.block[k] != &v.own[k]) v.own[k] = v.record[k]->block;
     v.block[k] = &v.own[k];
-    set_block_color(v.own[k], v.color[k]);
+    set_block_color(v.own[k], v.color.at(k));
   });
 }
 

@@ -40,6 +40,9 @@ struct PlainSurfaces {
 
 // Where paths have met surfaces: what one step of a bounce hands on to the next.
 struct Vertices : PlainSurfaces {
+  // What has been met, where it is one of these and its surface is found with others'
+  Rows<Triangle, kBatch> triangle;
+  Rows<Sphere, kBatch> sphere;
   // As in Surface
   Rows<Vec3, kBatch> point, normal, shading;
   Rows<Vec2, kBatch> parameter;
@@ -48,9 +51,9 @@ struct Vertices : PlainSurfaces {
   u32 id[kBatch];
   const ShapeRecord* shape[kBatch];
   const MaterialRecord* material[kBatch];
-  Vec3 color[kBatch];
-  Vec2 uv[kBatch];
-  Vec3 dpdu[kBatch], dpdv[kBatch];
+  Rows<Vec3, kBatch> color;
+  Rows<Vec2, kBatch> uv;
+  Rows<Vec3, kBatch> dpdu, dpdv;
   float uv_rate[kBatch];
 
   u32 front[kBatch];  // the surface is seen from its outside
@@ -85,15 +88,16 @@ struct Vertices : PlainSurfaces {
     id[k] = s.id;
     shape[k] = s.shape;
     material[k] = s.material;
-    color[k] = s.color;
-    uv[k] = s.uv;
-    dpdu[k] = s.dpdu, dpdv[k] = s.dpdv;
+    color.set(k, s.color);
+    uv.set(k, s.uv);
+    dpdu.set(k, s.dpdu);
+    dpdv.set(k, s.dpdv);
     uv_rate[k] = s.uv_rate;
   }
   PH_INLINE Surface surface(u32 k, Slot slot) const {
     return {point.at(k), normal.at(k), shading.at(k), parameter.at(k), error[k],
-            slot,        id[k],        shape[k],      material[k],     color[k],
-            uv[k],       dpdu[k],      dpdv[k],       uv_rate[k]};
+            slot,        id[k],        shape[k],      material[k],     color.at(k),
+            uv.at(k),    dpdu.at(k),   dpdv.at(k),    uv_rate[k]};
   }
   PH_INLINE void set_light(u32 k, const DirectSample& s) {
     to_light.set(k, s.direction);
