@@ -308,7 +308,7 @@ MaterialRecord to_material(const nb::dict& d, std::vector<TextureBinding>& bindi
   m.priority = get<u32>(d, "priority");
   m.absorption = to_vec3(get<Triple>(d, "absorption"));
   m.emits_back = get<bool>(d, "emits_back");
-  m.uses_uv = get<bool>(d, "uses_uv");
+  m.traits = get<bool>(d, "uses_uv") ? kUsesUv : 0;
   m.normal_right_handed = get<bool>(d, "normal_right_handed");
   return m;
 }

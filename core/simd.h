@@ -260,6 +260,29 @@ PH_INLINE u32 bits(const LaneMask& m) {
   return r;
 }
 
+// Bit i: number i is this one.
+PH_INLINE u32 equal(u32 one, const u32 (&numbers)[16]) {
+#if defined(__AVX512F__)
+  return _mm512_cmpeq_epi32_mask(_mm512_loadu_si512(numbers),
+                                 _mm512_set1_epi32(static_cast<int>(one)));
+#else
+  u32 r = 0;
+  for (u32 k = 0; k < 16; ++k) r |= (numbers[k] == one ? 1u : 0u) << k;
+  return r;
+#endif
+}
+// Bit i: number i has any of some bits.
+PH_INLINE u32 any_of(u32 some, const u32 (&numbers)[16]) {
+#if defined(__AVX512F__)
+  return _mm512_test_epi32_mask(_mm512_loadu_si512(numbers),
+                                _mm512_set1_epi32(static_cast<int>(some)));
+#else
+  u32 r = 0;
+  for (u32 k = 0; k < 16; ++k) r |= ((numbers[k] & some) != 0 ? 1u : 0u) << k;
+  return r;
+#endif
+}
+
 // Index of the lowest set bit; the argument is not 0.
 PH_INLINE u32 lowest_bit(u32 m) { return compiler::trailing_zeros(m); }
 

@@ -43,10 +43,8 @@ PH_INLINE const Instance* instance_of(const SceneView& scene, Slot slot) {
   return slot.instance == kNone ? nullptr : &scene.instances[slot.instance];
 }
 
-// The record of the shape that a primitive belongs to: the last that begins at or before its id.
-PH_INLINE const ShapeRecord& shape_of(const SceneView& scene, u32 id) {
-  const u32* guide = scene.shape_guide + (id >> scene.shape_guide_shift);
-  u32 low = guide[0], high = guide[1];
+// Of these shapes the last that begins at or before a primitive's id.
+PH_APART inline const ShapeRecord& last_shape(const SceneView& scene, u32 id, u32 low, u32 high) {
   while (low < high) {
     const u32 middle = low + (high - low + 1) / 2;
     if (scene.shapes[middle].first_id <= id) {
@@ -56,6 +54,13 @@ PH_INLINE const ShapeRecord& shape_of(const SceneView& scene, u32 id) {
     }
   }
   return scene.shapes[low];
+}
+
+// The record of the shape that a primitive belongs to.
+PH_INLINE const ShapeRecord& shape_of(const SceneView& scene, u32 id) {
+  const u32* guide = scene.shape_guide + (id >> scene.shape_guide_shift);
+  const bool known = scene.shape_guide_shift == 0 || guide[0] == guide[1];
+  return known ? scene.shapes[guide[0]] : last_shape(scene, id, guide[0], guide[1]);
 }
 
 PH_INLINE const MaterialRecord& material_of(const SceneView& scene, const ShapeRecord& shape,
@@ -180,7 +185,7 @@ PH_INLINE void complete(const SceneView& scene, const Shape& shape, u32 id, Surf
   s.uv = {0, 0};
   s.dpdu = s.dpdv = {0, 0, 0};
   s.uv_rate = 0.0f;
-  const bool parametrised = wants_uv || s.material->uses_uv;
+  const bool parametrised = wants_uv || (s.material->traits & kUsesUv) != 0;
   if (parametrised) parametrise(*s.shape, shape, id, p, s);
   if (instance) {
     // Rounding of the transform: four products a coordinate, each of at most |m| |p|.

@@ -97,8 +97,17 @@ struct ShapeRecord {
   float rotation[9];  // of a sphere's own frame to the scene, row-major
 };
 
+// What only some materials have, as bits: paths at others are told apart by them at once.
+inline constexpr u32 kUsesUv = 1u << 0;  // a texture or anisotropy needs the parametrisation
+inline constexpr u32 kTextured = 1u << 1;  // parameters or normals
+inline constexpr u32 kShines = 1u << 2;    // on some side, if no texture makes it black
+inline constexpr u32 kShinesByTexture = 1u << 3;
+inline constexpr u32 kVaries = 1u << 4;  // a blend, or the back is another
+inline constexpr u32 kTraits = 8;
+
 // A surface's material: its type's own parameters, and what every type has.
 struct MaterialRecord {
+  u32 traits;  // those bits, and from kTraits on the block's kind
   ParamBlock block;
   u32 first_binding, binding_count;
   Vec3 emission;  // radiance
@@ -113,12 +122,10 @@ struct MaterialRecord {
   u32 back;  // record of the back; this one's own index if both sides look the same; kNone: black
   u32 priority;
   Vec3 absorption;  // 1 / normalised unit
-  bool shines;      // on some side, if no texture makes it black
   bool emits_back;
   bool body;                 // a path keeps account of being inside of it
   bool normal_right_handed;  // the normal map's y is normal x u, not along v
   bool clear;                // what is no hole goes straight on too, but tinted
-  bool uses_uv;              // some texture or anisotropy needs the surface's parametrisation
 };
 
 // A light of the scene: an emissive primitive.
@@ -146,6 +153,7 @@ struct SceneView {
   const u32* material_of;  // by primitive id, where a shape's record says so
   const Vec3* color_of;    // by primitive id, NaN in x for the material's own; null if none has one
   bool has_holes;          // some material has holes or is clear
+  bool has_bodies;         // paths keep account of what they are inside of
 
   // Lights: emissive primitives, then those of `lights` that lie in the scene, are the leaves of
   // the light tree; the rest of `lights` shine from outside, last those that are not asked for.

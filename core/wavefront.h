@@ -28,8 +28,12 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   find_surfaces(scene, p, wave.alive, first, v);
   travel(p, v);
   find_emission(scene, p, wave.alive, v);
+  const u32 alone =
+      meets_more(scene, view, wave) ? wave.alive : having(kShines | kVaries, v.traits, wave.alive);
+  const u32 ending = meet_plainly(view.max_depth, p, v) & ~alone;
   for_each_bit(wave.alive, [&](u32 k) {
-    const Fate fate = meet(scene, view, wave, v, k, stats);
+    Fate fate = (ending >> k & 1u) != 0 ? Fate::ends : Fate::scatters;
+    if ((alone >> k & 1u) != 0) fate = meet(scene, view, wave, v, k, stats);
     watch(Step::meets, wave, &v, k, fate);
     wave.note_direct(k);
     if (fate == Fate::scatters) meeting |= 1u << k;

@@ -612,10 +612,14 @@ void Scene::make_materials() {
     m.absorption = {m.absorption.x * per_unit, m.absorption.y * per_unit,
                     m.absorption.z * per_unit};
     m.bump_scale *= static_cast<float>(scale_);
-    m.shines = shines(m);
     scale_lengths(m.block, material_params(m.block.kind), scale_);
     m.clear = static_cast<MaterialKind>(m.block.kind) == MaterialKind::null && m.priority == 0 &&
               baseline::black(m.absorption) && m.blend_first == kNone && m.back == i;
+    const bool textured = m.binding_count != 0 || m.normal_map != kNone;
+    const bool varies = m.blend_first != kNone || m.back != i;
+    m.traits = (m.traits & kUsesUv) | (textured ? kTextured : 0) | (shines(m) ? kShines : 0) |
+               (m.emission_texture != kNone ? kShinesByTexture : 0) | (varies ? kVaries : 0) |
+               m.block.kind << kTraits;
     m.body = has_inside(m) && (m.priority != 0 || !baseline::black(m.absorption));
     has_bodies_ = has_bodies_ || m.body;
     view_.has_holes =
@@ -624,6 +628,7 @@ void Scene::make_materials() {
   // Where there are bodies, what lies within them counts as one too: air in coloured glass.
   for (MaterialRecord& m : materials_)
     m.body = m.body || (has_bodies_ && has_inside(m) && !m.clear);
+  view_.has_bodies = has_bodies_;
   view_.materials = materials_.data();
 }
 

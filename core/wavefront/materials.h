@@ -81,16 +81,20 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
   Paths& p = wave.paths;
   Rows<Vec3, kBatch> n = v.shading;
   Vec3 along[kBatch];
-  u32 opaque[kBatch], turned = 0, scattering = 0;
-  for_each_bit(lanes, [&](u32 k) {
-    kinds.lanes[v.block[k]->kind] |= 1u << k;
-    if (!v.record[k]->uses_uv) return;
+  u32 opaque[kBatch], kind[kBatch], scattering = 0;
+  for (u32 k = 0; k < kBatch; ++k) kind[k] = v.traits[k] >> kTraits;
+  for (u32 left = lanes; left != 0;) {
+    const u32 one = kind[lowest_bit(left)], same = equal(one, kind) & left;
+    kinds.lanes[one] = same;
+    left &= ~same;
+  }
+  const u32 turned = having(kUsesUv, v.traits, lanes);
+  for_each_bit(turned, [&](u32 k) {
     const MappedNormal mapped =
         mapped_normal(scene, *v.record[k], v.surface(k, p.slot[k]), p.width[k], v.mapped[k]);
     n.set(k, mapped.normal);
     v.shading.set(k, mapped.normal);
     along[k] = mapped.along;
-    turned |= 1u << k;
   });
   for_each_kind(kinds, [&]<class Material>(u32 own) {
     if (kTransmits<Material>) kinds.transmitting |= own;

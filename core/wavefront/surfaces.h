@@ -48,12 +48,6 @@ PH_APART inline void find_others(const SceneView& scene, const Paths& paths, u32
 inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes, u32 wants_uv,
                           Vertices& v) {
   u32 flat = 0, round = 0, others = 0, bare = 0, smooth = 0, parametrised = 0;
-  for (u32 k = 0; k < kBatch; ++k) {
-    v.uv.set(k, Vec2{0, 0});
-    v.dpdu.set(k, Vec3{0, 0, 0});
-    v.dpdv.set(k, Vec3{0, 0, 0});
-    v.uv_rate[k] = 0.0f;
-  }
   for_each_bit(lanes, [&](u32 k) {
     const Slot slot = paths.slot[k];
     const u32 bit = 1u << k, index = slot.leaf & kLeafIndexMask;
@@ -67,7 +61,7 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
         is_flat ? scene.triangles[index].id[slot.lane] : scene.spheres[index].id[slot.lane];
     const ShapeRecord& shape = shape_of(scene, id);
     const MaterialRecord& m = material_of(scene, shape, id);
-    const u32 uv = (m.uses_uv ? bit : 0u) | (wants_uv & bit);
+    const u32 uv = ((m.traits & kUsesUv) != 0 ? bit : 0u) | (wants_uv & bit);
     if (is_flat) {
       v.triangle.set(k, primitive(scene.triangles[index], slot.lane));
       flat |= bit;
@@ -83,6 +77,7 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
     v.id[k] = id;
     v.shape[k] = &shape;
     v.material[k] = &m;
+    v.traits[k] = m.traits;
     v.color.set(k, own_color(scene, id, nullptr));
     v.inside_out[k] = shape.inside_out;
   });
@@ -96,6 +91,13 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
     v.normal.set(k, normal);
     v.shading.set(k, shading);
   });
+  for_each_bit((flat | round) & v.parametrised & ~parametrised, [&](u32 k) {
+    v.uv.set(k, Vec2{0, 0});
+    v.dpdu.set(k, Vec3{0, 0, 0});
+    v.dpdv.set(k, Vec3{0, 0, 0});
+    v.uv_rate[k] = 0.0f;
+  });
+  v.parametrised = (v.parametrised & ~lanes) | parametrised | others;
   for_each_bit(parametrised, [&](u32 k) {
     Surface s;
     const SurfacePoint p = {v.point.at(k), v.normal.at(k), v.parameter.at(k), v.error[k]};
@@ -116,8 +118,24 @@ PH_APART inline void travel(Paths& __restrict p, Vertices& __restrict v) {
   }
 }
 
+// The lanes that end where nothing is but a surface; the others scatter, by its own material.
+PH_APART inline u32 meet_plainly(u32 max_depth, const Paths& __restrict p, Vertices& __restrict v) {
+  u32 ends[kBatch];
+  for (u32 k = 0; k < kBatch; ++k) {
+    v.record[k] = v.material[k];
+    ends[k] = p.depth[k] >= max_depth ? 1 : 0;
+  }
+  return any_of(1, ends);
+}
+
+// Whether anything may be where paths meet surfaces that no trait tells.
+PH_INLINE bool meets_more(const SceneView& scene, const RenderView& view, const Wave& wave) {
+  return scene.has_holes || scene.has_bodies || wave.features != nullptr ||
+         view.integrator == Integrator::ambient_occlusion;
+}
+
 // What there is where a path has met a surface, and what it gives off.
-inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Vertices& v, u32 k,
+PH_APART inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Vertices& v, u32 k,
                  PathStats& stats) {
   Paths& p = wave.paths;
   const MaterialRecord& own = *v.material[k];
@@ -161,7 +179,7 @@ inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Ver
   }
   const bool front = v.front[k] != 0;
   Vec3 shine = {0, 0, 0};
-  if (own.shines) shine = add_emission(scene, view, v.surface(k, p.slot[k]), v.emission[k], p, k);
+  if ((own.traits & kShines) != 0) shine = add_emission(scene, view, v.surface(k, p.slot[k]), v.emission[k], p, k);
   const MaterialRecord* m = !front && own.back != kNone ? &scene.materials[own.back] : &own;
   if (m->blend_first != kNone) {
     m = &chosen_material(scene, *m, v.surface(k, p.slot[k]), p.width[k], p.samplers.at(k),
@@ -171,6 +189,7 @@ inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Ver
   if (p.depth[k] >= view.max_depth) return Fate::ends;
   if (!front && own.back == kNone) return Fate::ends;
   v.record[k] = m;
+  v.traits[k] = m->traits;
   return Fate::scatters;
 }
 

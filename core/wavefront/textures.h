@@ -46,27 +46,23 @@ class TexelQueue {
 
 // The textures of what shines, on the sides that paths have met.
 inline void find_emission(const SceneView& scene, const Paths& p, u32 lanes, Vertices& v) {
-  u32 textured = 0;
-  for_each_bit(lanes, [&](u32 k) {
-    textured |= (emits_texture(*v.material[k], v.front[k] != 0) ? 1u : 0u) << k;
-  });
+  const u32 textured = having(kShinesByTexture, v.traits, lanes);
   if (textured == 0) return;
   TexelQueue queue(scene, p, v);
-  for_each_bit(textured,
-               [&](u32 k) { queue.add(v.material[k]->emission_texture, k, 0.0f, v.emission[k]); });
+  for_each_bit(textured, [&](u32 k) {
+    const MaterialRecord& m = *v.material[k];
+    if (emits_texture(m, v.front[k] != 0)) queue.add(m.emission_texture, k, 0.0f, v.emission[k]);
+  });
   queue.finish();
 }
 
 // The parameters of materials, with what stands for them here: textures, and the primitives' own
 // colours; and what maps of normals have.
 inline void find_parameters(const SceneView& scene, const Paths& p, u32 lanes, Vertices& v) {
-  u32 textured = 0, colored = 0;
-  for_each_bit(lanes, [&](u32 k) {
-    const MaterialRecord& m = *v.record[k];
-    v.block[k] = &m.block;
-    textured |= (m.binding_count != 0 || m.normal_map != kNone ? 1u : 0u) << k;
-    colored |= (has_color(v.color.at(k)) ? 1u : 0u) << k;
-  });
+  u32 own_color[kBatch];
+  for (u32 k = 0; k < kBatch; ++k) own_color[k] = has_color(v.color.at(k)) ? 1 : 0;
+  const u32 textured = having(kTextured, v.traits, lanes), colored = having(1, own_color, lanes);
+  for_each_bit(lanes, [&](u32 k) { v.block[k] = &v.record[k]->block; });
   if (textured != 0) {
     Texel texel[kBatch][kBlockFloats];
     TexelQueue queue(scene, p, v);

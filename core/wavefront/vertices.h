@@ -51,10 +51,12 @@ struct Vertices : PlainSurfaces {
   u32 id[kBatch];
   const ShapeRecord* shape[kBatch];
   const MaterialRecord* material[kBatch];
+  u32 traits[kBatch];  // the material's, then those of what scatters
   Rows<Vec3, kBatch> color;
   Rows<Vec2, kBatch> uv;
   Rows<Vec3, kBatch> dpdu, dpdv;
   float uv_rate[kBatch];
+  u32 parametrised;  // bits for those where the last three may be other than 0
 
   u32 front[kBatch];  // the surface is seen from its outside
   // What scatters: the surface's material or another that stands for it, and its parameters here,
@@ -88,6 +90,7 @@ struct Vertices : PlainSurfaces {
     id[k] = s.id;
     shape[k] = s.shape;
     material[k] = s.material;
+    traits[k] = s.material->traits;
     color.set(k, s.color);
     uv.set(k, s.uv);
     dpdu.set(k, s.dpdu);

@@ -23,6 +23,11 @@ struct Wave {
   }
 };
 
+// Of some lanes those whose numbers have any of some bits.
+PH_INLINE u32 having(u32 bits, const u32 (&numbers)[kBatch], u32 lanes) {
+  return any_of(bits, numbers) & lanes;
+}
+
 // 1 for each lane of a set of bits, else 0.
 PH_INLINE void spread(u32 lanes, u32 (&these)[kBatch]) {
   for (u32 k = 0; k < kBatch; ++k) these[k] = lanes >> k & 1u;
