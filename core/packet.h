@@ -71,15 +71,13 @@ PH_INLINE u32 test_boxes_for_any(const Node& node, const RayBounds& rays, float 
 // The nearest hits so far, as NearestHit. t is 0 in lanes that take no part.
 struct NearestHits {
   alignas(64) float t[kBatch];
-  u32 id[kBatch], leaf[kBatch], lane[kBatch], instance[kBatch];
+  u32 id[kBatch];
+  SlotRows<kBatch> slot;
 
-  PH_INLINE NearestHit at(u32 k) const {
-    return {{t[k], {leaf[k], lane[k], instance[k]}}, id[k], kNoSlot};
-  }
+  PH_INLINE NearestHit at(u32 k) const { return {{t[k], slot.at(k)}, id[k], kNoSlot}; }
   PH_INLINE void set(u32 k, const NearestHit& best) {
     t[k] = best.hit.t, id[k] = best.id;
-    leaf[k] = best.hit.slot.leaf, lane[k] = best.hit.slot.lane;
-    instance[k] = best.hit.slot.instance;
+    slot.set(k, best.hit.slot);
   }
 };
 
@@ -109,13 +107,13 @@ PH_APART inline void test_primitive(const Shape& shape, Child leaf, u32 lane, u3
                                     NearestHits& __restrict best) {
   for (u32 k = 0; k < kBatch; ++k) {
     const float t = intersect_one(shape, origin.at(k), direction.at(k));
-    const bool first = (best.instance[k] != kNone) | (id < best.id[k]);
+    const bool first = (best.slot.instance[k] != kNone) | (id < best.id[k]);
     const bool nearer = (0.0f < t) & ((t < best.t[k]) | ((t == best.t[k]) & first));
     best.t[k] = nearer ? t : best.t[k];
     best.id[k] = nearer ? id : best.id[k];
-    best.leaf[k] = nearer ? leaf : best.leaf[k];
-    best.lane[k] = nearer ? lane : best.lane[k];
-    best.instance[k] = nearer ? kNone : best.instance[k];
+    best.slot.leaf[k] = nearer ? leaf : best.slot.leaf[k];
+    best.slot.lane[k] = nearer ? lane : best.slot.lane[k];
+    best.slot.instance[k] = nearer ? kNone : best.slot.instance[k];
   }
 }
 
@@ -198,14 +196,15 @@ PH_APART inline void begin_packet(const Rows<Vec3, kBatch>& __restrict direction
     const Vec3 d = direction.at(k);
     inverse.set(k, Vec3{1.0f / d.x, 1.0f / d.y, 1.0f / d.z});
     best.t[k] = (lanes >> k & 1u) != 0 ? kInfinity : 0.0f;
-    best.id[k] = best.leaf[k] = best.instance[k] = kNone;
-    best.lane[k] = 0;
+    best.id[k] = kNone;
+    best.slot.set(k, kNoSlot);
   }
 }
 
 // Hits of the rays of some lanes; of those that meet nothing the slot's leaf is kNone.
 inline void intersect_close(const SceneView& scene, const Rows<Vec3, kBatch>& origin,
-                            const Rows<Vec3, kBatch>& direction, u32 lanes, Hit (&hit)[kBatch]) {
+                            const Rows<Vec3, kBatch>& direction, u32 lanes, float (&t)[kBatch],
+                            SlotRows<kBatch>& slot) {
   RayBounds bounds;
   const bool bounded =
       lanes != 0 && (scene.root & kLeafBit) == 0 && bounds_of(origin, direction, lanes, bounds);
@@ -213,14 +212,15 @@ inline void intersect_close(const SceneView& scene, const Rows<Vec3, kBatch>& or
     const auto ray_at = [&](u32 k) -> Ray {
       return {origin.at(k), direction.at(k), kNoSlot, false};
     };
-    intersect_each(scene, direction, lanes, ray_at, true, hit);
+    intersect_each(scene, direction, lanes, ray_at, true, t, slot);
     return;
   }
   Packet rays;
   rays.origin = origin, rays.direction = direction;
   begin_packet(direction, lanes, rays.inverse, rays.best);
   walk_together(scene, scene.root, lanes, bounds, rays);
-  for_each_bit(lanes, [&](u32 k) { hit[k] = rays.best.at(k).hit; });
+  compiler::copy(t, rays.best.t, sizeof(t));
+  slot = rays.best.slot;
 }
 
 }  // namespace parhelion::PH_ISA

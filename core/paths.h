@@ -26,10 +26,11 @@ namespace parhelion::PH_ISA {
 // Where paths stand: the light gathered so far, and the ray that goes on.
 struct Paths {
   Rows<Vec3, kBatch> origin, direction;  // of the ray; as in Ray, which the next two are, too
-  Slot self[kBatch];
+  SlotRows<kBatch> self;
   u32 inward[kBatch];
-  Slot slot[kBatch];  // what the ray hits, once it has been traced; its leaf is kNone for nothing
-  float t[kBatch];    // and how far away
+  SlotRows<kBatch>
+      slot;         // what the ray hits, once it has been traced; its leaf is kNone for nothing
+  float t[kBatch];  // and how far away
   Rows<Vec3, kBatch> sum, throughput;
   Rows<Receiver, kBatch> receiver;    // the vertex that the ray leaves
   u32 glossy;                         // bits for those whose vertices have highlights
@@ -47,12 +48,12 @@ struct Paths {
   Media media[kBatch];
 
   PH_INLINE Ray ray(u32 k) const {
-    return {origin.at(k), direction.at(k), self[k], inward[k] != 0};
+    return {origin.at(k), direction.at(k), self.at(k), inward[k] != 0};
   }
   PH_INLINE void set_ray(u32 k, const Ray& ray) {
     origin.set(k, ray.origin);
     direction.set(k, ray.direction);
-    self[k] = ray.self;
+    self.set(k, ray.self);
     inward[k] = ray.inward;
   }
 

@@ -73,19 +73,23 @@ PH_INLINE u32 occluded_each(const SceneView& scene, const Rows<Vec3, kBatch>& di
 template <class RayAt>
 PH_INLINE void intersect_each(const SceneView& scene, const Rows<Vec3, kBatch>& direction,
                               u32 lanes, RayAt&& ray_at, const float (&limit)[kBatch], bool tree,
-                              Hit (&hit)[kBatch]) {
+                              float (&t)[kBatch], SlotRows<kBatch>& slot) {
   NearestHit best[kBatch];
   for_each_bit(lanes, [&](u32 k) { best[k] = {{limit[k], kNoSlot}, kNone, kNoSlot}; });
   walk_each<false>(scene, direction, lanes, ray_at, tree, best);
-  for_each_bit(lanes, [&](u32 k) { hit[k] = best[k].hit; });
+  for_each_bit(lanes, [&](u32 k) {
+    t[k] = best[k].hit.t;
+    slot.set(k, best[k].hit.slot);
+  });
 }
 // However far away.
 template <class RayAt>
 PH_INLINE void intersect_each(const SceneView& scene, const Rows<Vec3, kBatch>& direction,
-                              u32 lanes, RayAt&& ray_at, bool tree, Hit (&hit)[kBatch]) {
+                              u32 lanes, RayAt&& ray_at, bool tree, float (&t)[kBatch],
+                              SlotRows<kBatch>& slot) {
   float limit[kBatch];
   for (float& most : limit) most = kInfinity;
-  intersect_each(scene, direction, lanes, ray_at, limit, tree, hit);
+  intersect_each(scene, direction, lanes, ray_at, limit, tree, t, slot);
 }
 
 }  // namespace parhelion::PH_ISA

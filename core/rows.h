@@ -29,9 +29,24 @@ struct Rows {
   }
 };
 
+// Slots, stored by component.
+template <u32 kCount>
+struct SlotRows {
+  u32 leaf[kCount], lane[kCount], instance[kCount];
+
+  PH_INLINE Slot at(u32 i) const { return {leaf[i], lane[i], instance[i]}; }
+  PH_INLINE void set(u32 i, const Slot& s) {
+    leaf[i] = s.leaf, lane[i] = s.lane, instance[i] = s.instance;
+  }
+};
+
 // One lane of rows, or of an array, from another's.
 template <class T, u32 kCount>
 PH_INLINE void copy_lane(Rows<T, kCount>& to, u32 k, const Rows<T, kCount>& from, u32 lane) {
+  to.set(k, from.at(lane));
+}
+template <u32 kCount>
+PH_INLINE void copy_lane(SlotRows<kCount>& to, u32 k, const SlotRows<kCount>& from, u32 lane) {
   to.set(k, from.at(lane));
 }
 template <class T, u32 kCount>

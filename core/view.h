@@ -98,7 +98,7 @@ struct ShapeRecord {
 };
 
 // What only some materials have, as bits: paths at others are told apart by them at once.
-inline constexpr u32 kUsesUv = 1u << 0;  // a texture or anisotropy needs the parametrisation
+inline constexpr u32 kUsesUv = 1u << 0;    // a texture or anisotropy needs the parametrisation
 inline constexpr u32 kTextured = 1u << 1;  // parameters or normals
 inline constexpr u32 kShines = 1u << 2;    // on some side, if no texture makes it black
 inline constexpr u32 kShinesByTexture = 1u << 3;

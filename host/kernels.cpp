@@ -104,10 +104,11 @@ void for_each_batch(const Ray* rays, const float* limit, u64 n, F&& f) {
 void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
                    Hit* hits) {
   for_each_batch(rays, limit, n, [&](u64 first, u32 lanes, const auto& direction, auto& most) {
-    Hit hit[kBatch];
+    float t[kBatch];
+    SlotRows<kBatch> slot;
     intersect_each(
-        scene, direction, lanes, [&](u32 k) { return rays[first + k]; }, most, tree, hit);
-    for_each_bit(lanes, [&](u32 k) { hits[first + k] = hit[k]; });
+        scene, direction, lanes, [&](u32 k) { return rays[first + k]; }, most, tree, t, slot);
+    for_each_bit(lanes, [&](u32 k) { hits[first + k] = {t[k], slot.at(k)}; });
   });
 }
 

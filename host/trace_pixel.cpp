@@ -78,7 +78,7 @@ class Recorder {
   }
 
   void met(const Paths& path, const Vertices& v, Fate fate) {
-    const Surface s = v.surface(0, path.slot[0]);
+    const Surface s = v.surface(0, path.slot.at(0));
     TracedVertex t{};
     t.place = place(s.slot, s.id);
     t.material =

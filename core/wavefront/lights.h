@@ -157,7 +157,7 @@ struct ShadowRays {
   u32 inward[kBatch];
 
   PH_INLINE Ray at(u32 k, const Paths& p, const Vertices& v) const {
-    return {origin.at(k), v.to_light.at(k), p.slot[k], inward[k] != 0};
+    return {origin.at(k), v.to_light.at(k), p.slot.at(k), inward[k] != 0};
   }
 };
 

@@ -23,7 +23,7 @@ PH_INLINE Fate enter_material(const SceneView& scene, Paths& p, Vertices& v, u32
         // Within a body that takes precedence this surface is not there. It does stop the rays that
         // ask for light, so what lies behind it is found by scattering alone.
         p.scatter_pdf[k] = 0.0f;
-        p.set_ray(k, ray_from(v.surface(k, p.slot[k]), p.direction.at(k)));
+        p.set_ray(k, ray_from(v.surface(k, p.slot.at(k)), p.direction.at(k)));
         return Fate::passes;
       }
       if (v.block[k] != &v.own[k]) v.own[k] = *v.block[k];
@@ -91,7 +91,7 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
   const u32 turned = having(kUsesUv, v.traits, lanes);
   for_each_bit(turned, [&](u32 k) {
     const MappedNormal mapped =
-        mapped_normal(scene, *v.record[k], v.surface(k, p.slot[k]), p.width[k], v.mapped[k]);
+        mapped_normal(scene, *v.record[k], v.surface(k, p.slot.at(k)), p.width[k], v.mapped[k]);
     n.set(k, mapped.normal);
     v.shading.set(k, mapped.normal);
     along[k] = mapped.along;

@@ -59,7 +59,7 @@ inline void begin(const SceneView& scene, const RenderView& view, const CameraBa
   u32 passing = 0;
   wave.alive = 0;
   for (u32 k = 0; k < n; ++k) {
-    p.self[k] = kNoSlot;
+    p.self.set(k, kNoSlot);
     p.media[k].count = 0;
     if (view.media.count != 0) p.media[k] = view.media;
     if (wave.features) wave.features[k] = {0, {}, {}, {}, {}, {}, {}, {}, kNone, kNone};
@@ -77,19 +77,14 @@ template <class Watch = Unwatched>
 inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, bool close,
                   PathStats& stats, const Watch& watch = {}) {
   Paths& p = wave.paths;
-  Hit hit[kBatch];
   if (close && view.tree) {
-    intersect_close(scene, p.origin, p.direction, wave.alive, hit);
+    intersect_close(scene, p.origin, p.direction, wave.alive, p.t, p.slot);
   } else {
-    intersect_each(scene, p.direction, wave.alive, [&](u32 k) { return p.ray(k); }, view.tree, hit);
+    const auto ray_at = [&](u32 k) { return p.ray(k); };
+    intersect_each(scene, p.direction, wave.alive, ray_at, view.tree, p.t, p.slot);
   }
-  u32 left = 0;
-  for_each_bit(wave.alive, [&](u32 k) {
-    ++stats.rays;
-    if (hit[k].slot.leaf == kNone) left |= 1u << k;
-    p.slot[k] = hit[k].slot;
-    p.t[k] = hit[k].t;
-  });
+  stats.rays += compiler::ones(wave.alive);
+  const u32 left = equal(kNone, p.slot.leaf) & wave.alive;
   if (left != 0) add_backgrounds(scene, view, left, p);
   for_each_bit(left, [&](u32 k) {
     watch(Step::leaves, wave, nullptr, k, Fate::ends);

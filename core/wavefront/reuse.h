@@ -86,7 +86,7 @@ inline u32 join_groups(Wave& wave, const Kinds& kinds, const Vertices& v) {
   for_each_matte_form(kinds, [&]<class Form>(u32 number, u32 lanes) {
     for_each_bit(lanes, [&](u32 k) {
       // Shadow rays to a point pass the primitive that it lies on.
-      if (p.depth[k] != 2 || may_hide_itself(leaf_kind(p.slot[k].leaf))) return;
+      if (p.depth[k] != 2 || may_hide_itself(leaf_kind(p.slot.at(k).leaf))) return;
       PathGroup& g = group_of(wave, k);
       const u32 i = p.tag[k] % kReused, bit = 1u << i;
       if ((g.starts & ~g.mirrored & ~g.joins & bit) == 0) return;
@@ -98,7 +98,7 @@ inline u32 join_groups(Wave& wave, const Kinds& kinds, const Vertices& v) {
       g.end.set(i, v.point.at(k));
       g.end_side.set(i, v.normal.at(k) * side);
       g.end_facing.set(i, v.shading.at(k) * side);
-      g.end_slot[i] = p.slot[k];
+      g.end_slot[i] = p.slot.at(k);
       g.own.set(i, p.sum.at(k));
       p.sum.set(k, Vec3{0, 0, 0});
       joining |= 1u << k;
@@ -128,7 +128,7 @@ inline void start_groups(const Wave& wave, const Kinds& kinds, const Vertices& v
       g.side.set(i, normal * (behind ? -1.0f : 1.0f));
       g.facing.set(i, v.frame.at(k).z * copysign(1.0f, v.local_wo.at(k).z));
       g.throughput.set(i, p.throughput.at(k));
-      g.self[i] = p.slot[k];
+      g.self[i] = p.slot.at(k);
       g.inward[i] = behind != (v.inside_out[k] != 0);
     });
   });

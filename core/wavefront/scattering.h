@@ -147,6 +147,9 @@ PH_APART inline void send_on(const u32 (&__restrict these)[kBatch], const Sample
     const bool behind = dot(wi, normal) < 0.0f;
     p.origin.set(k, select(on, ray_origin(point, normal, v.error[k], behind), p.origin.at(k)));
     p.direction.set(k, select(on, wi, direction));
+    p.self.leaf[k] = on ? p.slot.leaf[k] : p.self.leaf[k];
+    p.self.lane[k] = on ? p.slot.lane[k] : p.self.lane[k];
+    p.self.instance[k] = on ? p.slot.instance[k] : p.self.instance[k];
     p.inward[k] = on ? (behind ? 1u : 0u) ^ v.inside_out[k] : p.inward[k];
     p.throughput.set(k, select(on, kept, select(fits, throughput, before)));
     p.eta_scale[k] = fits ? eta_scale : p.eta_scale[k];
@@ -200,15 +203,12 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
           next.set(k, s, there);
         });
   });
-  u32 these[kBatch], goes[kBatch], on = 0;
+  u32 these[kBatch], goes[kBatch];
   spread(lanes, these);
   send_on(these, next, draws, v, asks_for_light(scene) ? 0 : 1,
           view.roulette ? kRouletteStart : kNone, goes, p);
-  for_each_bit(lanes, [&](u32 k) {
-    on |= goes[k] << k;
-    mirrored |= (goes[k] & next.delta[k]) << k;
-    p.self[k] = p.slot[k];
-  });
+  const u32 on = having(1, goes, lanes);
+  mirrored = having(1, next.delta, on);
   if ((v.glossy | p.glossy) != 0) {
     for_each_bit(on, [&](u32 k) { p.set_highlight(k, v.glossy >> k & 1u, v.highlight, k); });
   }

@@ -39,7 +39,7 @@ PH_APART inline void face_outside(u32 lanes, Vertices& __restrict v) {
 PH_APART inline void find_others(const SceneView& scene, const Paths& paths, u32 lanes,
                                  u32 wants_uv, Vertices& v) {
   for_each_bit(lanes, [&](u32 k) {
-    const Hit hit = {paths.t[k], paths.slot[k]};
+    const Hit hit = {paths.t[k], paths.slot.at(k)};
     v.set_surface(k, surface_at(scene, paths.ray(k), hit, (wants_uv >> k & 1u) != 0));
   });
 }
@@ -49,7 +49,7 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
                           Vertices& v) {
   u32 flat = 0, round = 0, others = 0, bare = 0, smooth = 0, parametrised = 0;
   for_each_bit(lanes, [&](u32 k) {
-    const Slot slot = paths.slot[k];
+    const Slot slot = paths.slot.at(k);
     const u32 bit = 1u << k, index = slot.leaf & kLeafIndexMask;
     const ShapeKind kind = leaf_kind(slot.leaf);
     const bool is_flat = kind == ShapeKind::triangle;
@@ -135,8 +135,8 @@ PH_INLINE bool meets_more(const SceneView& scene, const RenderView& view, const 
 }
 
 // What there is where a path has met a surface, and what it gives off.
-PH_APART inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Vertices& v, u32 k,
-                 PathStats& stats) {
+PH_APART inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Vertices& v,
+                          u32 k, PathStats& stats) {
   Paths& p = wave.paths;
   const MaterialRecord& own = *v.material[k];
   const bool first = p.depth[k] == 1;
@@ -146,7 +146,7 @@ PH_APART inline Fate meet(const SceneView& scene, const RenderView& view, Wave& 
     p.throughput.set(k, throughput);
   }
   if (scene.has_holes) {
-    const Surface s = v.surface(k, p.slot[k]);
+    const Surface s = v.surface(k, p.slot.at(k));
     const float solid = opacity(scene, own, s, p.width[k]);
     const u32 draw = bounce_draw(p.depth[k]) + kDrawOpacity + p.holes[k] * 0x10000u;
     const bool hole = solid < 1.0f && !(draw1(p.samplers.at(k), draw) < solid);
@@ -161,7 +161,7 @@ PH_APART inline Fate meet(const SceneView& scene, const RenderView& view, Wave& 
     }
   }
   if (wave.features && first) {
-    const Slot slot = p.slot[k];
+    const Slot slot = p.slot.at(k);
     Features& f = wave.features[k];
     f.depth = p.travelled[k];
     f.position = v.point.at(k);
@@ -173,16 +173,17 @@ PH_APART inline Fate meet(const SceneView& scene, const RenderView& view, Wave& 
     f.material = static_cast<u32>(&own - scene.materials);
   }
   if (view.integrator == Integrator::ambient_occlusion) {
-    p.sum.set(k, ambient_occlusion(scene, view, v.surface(k, p.slot[k]), -p.direction.at(k),
+    p.sum.set(k, ambient_occlusion(scene, view, v.surface(k, p.slot.at(k)), -p.direction.at(k),
                                    p.samplers.at(k), stats));
     return Fate::ends;
   }
   const bool front = v.front[k] != 0;
   Vec3 shine = {0, 0, 0};
-  if ((own.traits & kShines) != 0) shine = add_emission(scene, view, v.surface(k, p.slot[k]), v.emission[k], p, k);
+  if ((own.traits & kShines) != 0)
+    shine = add_emission(scene, view, v.surface(k, p.slot.at(k)), v.emission[k], p, k);
   const MaterialRecord* m = !front && own.back != kNone ? &scene.materials[own.back] : &own;
   if (m->blend_first != kNone) {
-    m = &chosen_material(scene, *m, v.surface(k, p.slot[k]), p.width[k], p.samplers.at(k),
+    m = &chosen_material(scene, *m, v.surface(k, p.slot.at(k)), p.width[k], p.samplers.at(k),
                          p.depth[k]);
   }
   if (wave.features && first) wave.features[k].emission = shine;

@@ -16,7 +16,7 @@ class TexelQueue {
   PH_INLINE void add(u32 texture, u32 k, float width, Texel& to) {
     const TextureRecord& record = scene_.textures.records[texture];
     if (!is_smooth_image(record)) {
-      to = texel(scene_, texture, vertices_.surface(k, paths_.slot[k]), width);
+      to = texel(scene_, texture, vertices_.surface(k, paths_.slot.at(k)), width);
       return;
     }
     const Image image = from_block<Image>(record.block);

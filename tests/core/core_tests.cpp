@@ -321,26 +321,26 @@ void rays_together_meet_what_each_meets() {
         origin.set(k, Vec3{a.x, a.y, b.x} * scale + way * (i % 5 == 0 ? 0.1f * scale : 0.0f));
         direction.set(k, normalize(middle + way * spread));
       }
-      Hit hit[kBatch];
-      intersect_close(scene.view(), origin, direction, lanes, hit);
+      float t[kBatch], t_apart[kBatch];
+      SlotRows<kBatch> slot, slot_apart;
+      intersect_close(scene.view(), origin, direction, lanes, t, slot);
       RayBounds bounds;
       bounded += bounds_of(origin, direction, lanes, bounds) ? 1 : 0;
       const auto ray_at = [&](u32 k) { return Ray{origin.at(k), direction.at(k), kNoSlot, false}; };
-      Hit apart[kBatch];
-      intersect_each(scene.view(), direction, lanes, ray_at, true, apart);
+      intersect_each(scene.view(), direction, lanes, ray_at, true, t_apart, slot_apart);
       // And whether anything but the nearest is met before that, or not much farther away.
       float limit[kBatch];
-      for_each_bit(lanes, [&](u32 k) { limit[k] = hit[k].t * (k % 2 ? 1.5f : 1.0f); });
+      for_each_bit(lanes, [&](u32 k) { limit[k] = t[k] * (k % 2 ? 1.5f : 1.0f); });
       const u32 hidden = occluded_each(
-          scene.view(), direction, lanes, ray_at, limit, [&](u32 k) { return hit[k].slot; }, true);
+          scene.view(), direction, lanes, ray_at, limit, [&](u32 k) { return slot.at(k); }, true);
       for_each_bit(lanes, [&](u32 k) {
         Hit alone;
         met += intersect(scene.view(), ray_at(k), kInfinity, true, alone) ? 1 : 0;
-        for (const Hit& one : {hit[k], apart[k]}) {
+        for (const Hit& one : {Hit{t[k], slot.at(k)}, Hit{t_apart[k], slot_apart.at(k)}}) {
           CHECK(one.t == alone.t && one.slot.leaf == alone.slot.leaf &&
                 one.slot.lane == alone.slot.lane);
         }
-        const bool other = occluded(scene.view(), ray_at(k), limit[k], hit[k].slot, true);
+        const bool other = occluded(scene.view(), ray_at(k), limit[k], slot.at(k), true);
         CHECK((hidden >> k & 1u) == (other ? 1u : 0u));
         behind += other ? 1 : 0;
       });
