@@ -66,18 +66,22 @@ struct Paths {
   }
 
   // Takes the path that others have at a lane.
-  PH_INLINE void take(u32 k, const Paths& from, u32 lane) {
-    const auto take_rows = [&](auto... row) { (copy_lane(this->*row, k, from.*row, lane), ...); };
+  PH_APART void take(const LaneMoves& moves, const Paths& from, bool bodies) {
+    const auto take_rows = [&](auto... row) { (move_lanes(this->*row, from.*row, moves), ...); };
     take_rows(&Paths::origin, &Paths::direction, &Paths::self, &Paths::inward, &Paths::slot,
               &Paths::t, &Paths::sum, &Paths::throughput, &Paths::receiver, &Paths::scatter_pdf,
               &Paths::eta_scale, &Paths::width, &Paths::spread, &Paths::travelled, &Paths::depth,
               &Paths::channel, &Paths::holes, &Paths::tag);
     samplers.kind = from.samplers.kind;
-    copy_lane(samplers.key, k, from.samplers.key, lane);
-    copy_lane(samplers.reversed_index, k, from.samplers.reversed_index, lane);
-    set_highlight(k, from.glossy >> lane & 1u, from.highlight, lane);
-    media[k].count = 0;
-    if (from.media[lane].count != 0) media[k] = from.media[lane];
+    move_lanes(samplers.reversed_index, from.samplers.reversed_index, moves);
+    move_lanes(samplers.key, from.samplers.key, moves);
+    glossy &= ~moves.to;  // none has begun on a surface
+    if (!bodies) return;
+    for (u32 to = moves.to, others = moves.from; to != 0; to &= to - 1, others &= others - 1) {
+      const u32 k = lowest_bit(to), lane = lowest_bit(others);
+      media[k].count = 0;
+      if (from.media[lane].count != 0) media[k] = from.media[lane];
+    }
   }
 };
 

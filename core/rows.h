@@ -1,7 +1,7 @@
 // Structs of floats, stored by component: what a loop of a fixed length does with each of them
 // compilers turn into vectors, if it has no branches.
 #pragma once
-#include "math.h"
+#include "simd.h"
 
 namespace parhelion::PH_ISA {
 
@@ -39,6 +39,20 @@ struct SlotRows {
     leaf[i] = s.leaf, lane[i] = s.lane, instance[i] = s.instance;
   }
 };
+
+// Lanes of rows, or of an array, from others'.
+template <class T, u32 kCount>
+PH_INLINE void move_lanes(Rows<T, kCount>& to, const Rows<T, kCount>& from, const LaneMoves& m) {
+  for (u32 r = 0; r < Rows<T, kCount>::kNumbers; ++r) move(to.row[r], from.row[r], m);
+}
+template <u32 kCount>
+PH_INLINE void move_lanes(SlotRows<kCount>& to, const SlotRows<kCount>& from, const LaneMoves& m) {
+  move(to.leaf, from.leaf, m), move(to.lane, from.lane, m), move(to.instance, from.instance, m);
+}
+template <class T, u32 kCount>
+PH_INLINE void move_lanes(T (&to)[kCount], const T (&from)[kCount], const LaneMoves& m) {
+  move(to, from, m);
+}
 
 // One lane of rows, or of an array, from another's.
 template <class T, u32 kCount>

@@ -283,6 +283,67 @@ PH_INLINE u32 any_of(u32 some, const u32 (&numbers)[16]) {
 #endif
 }
 
+// The lowest n bits of those that are set.
+PH_INLINE u32 lowest_bits(u32 m, u32 n) {
+#if defined(__BMI2__)
+  return _pdep_u32((1u << n) - 1, m);
+#else
+  u32 r = 0;
+  for (; n != 0 && m != 0; --n, m &= m - 1) r |= m & (~m + 1);
+  return r;
+#endif
+}
+
+// Lanes that are to be had of others: `to` a bit for each, `from` those of the others, as many.
+struct LaneMoves {
+  u32 to, from;
+#if defined(__AVX512F__)
+  __m512i source;  // of each lane in `to` the other's
+#else
+  u32 pair[16][2], count;
+#endif
+};
+PH_INLINE LaneMoves moves_of(u32 to, u32 from) {
+  LaneMoves m;
+  m.to = to, m.from = from;
+#if defined(__AVX512F__)
+  const __m512i number = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+  m.source =
+      _mm512_maskz_expand_epi32(static_cast<__mmask16>(to),
+                                _mm512_maskz_compress_epi32(static_cast<__mmask16>(from), number));
+#else
+  m.count = 0;
+  for (; to != 0; to &= to - 1, from &= from - 1) {
+    m.pair[m.count][0] = compiler::trailing_zeros(to);
+    m.pair[m.count++][1] = compiler::trailing_zeros(from);
+  }
+#endif
+  return m;
+}
+template <class T>
+PH_INLINE void move(T (&to)[16], const T (&from)[16], const LaneMoves& m) {
+  static_assert(sizeof(T) == 4 || sizeof(T) == 8);
+#if defined(__AVX512F__)
+  const __mmask16 taken = static_cast<__mmask16>(m.to);
+  if constexpr (sizeof(T) == 8) {
+    const __m512i low = _mm512_loadu_si512(from), high = _mm512_loadu_si512(from + 8);
+    const __m512i first = _mm512_cvtepu32_epi64(_mm512_castsi512_si256(m.source));
+    const __m512i second = _mm512_cvtepu32_epi64(_mm512_extracti64x4_epi64(m.source, 1));
+    _mm512_storeu_si512(
+        to, _mm512_mask_blend_epi64(static_cast<__mmask8>(taken), _mm512_loadu_si512(to),
+                                    _mm512_permutex2var_epi64(low, first, high)));
+    _mm512_storeu_si512(to + 8, _mm512_mask_blend_epi64(
+                                    static_cast<__mmask8>(taken >> 8), _mm512_loadu_si512(to + 8),
+                                    _mm512_permutex2var_epi64(low, second, high)));
+  } else {
+    _mm512_mask_storeu_epi32(to, taken,
+                             _mm512_permutexvar_epi32(m.source, _mm512_loadu_si512(from)));
+  }
+#else
+  for (u32 i = 0; i < m.count; ++i) to[m.pair[i][0]] = from[m.pair[i][1]];
+#endif
+}
+
 // Index of the lowest set bit; the argument is not 0.
 PH_INLINE u32 lowest_bit(u32 m) { return compiler::trailing_zeros(m); }
 

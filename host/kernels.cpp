@@ -56,9 +56,7 @@ void render(const SceneView& scene, const RenderView& view, Samples& samples, Pa
         wave.alive = fresh.alive;
         fresh.alive = 0;
       } else {
-        const u32 k = lowest_bit(~wave.alive), lane = lowest_bit(fresh.alive);
-        take(fresh, lane, wave, k);
-        fresh.alive &= fresh.alive - 1;
+        take(scene, fresh, wave);
       }
     }
     if (wave.alive == 0) break;

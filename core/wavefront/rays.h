@@ -93,10 +93,15 @@ inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, bo
   wave.alive &= ~left;
 }
 
-// Takes the path that another wave has at a lane. Features stay behind.
-PH_INLINE void take(const Wave& from, u32 lane, Wave& wave, u32 k) {
-  wave.paths.take(k, from.paths, lane);
-  wave.alive |= 1u << k;
+// Takes as many paths as there is room for of those that have begun. Features stay behind.
+PH_INLINE void take(const SceneView& scene, Wave& from, Wave& wave) {
+  const u32 room = kAllLanes & ~wave.alive;
+  const u32 free = compiler::ones(room), there = compiler::ones(from.alive);
+  const u32 n = free < there ? free : there;
+  const u32 to = lowest_bits(room, n), others = lowest_bits(from.alive, n);
+  wave.paths.take(moves_of(to, others), from.paths, scene.has_bodies);
+  wave.alive |= to;
+  from.alive &= ~others;
 }
 
 }  // namespace parhelion::PH_ISA
