@@ -30,6 +30,12 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return static_cast<Vm>(a & b); }
 PH_INLINE Vm v_or(Vm a, Vm b) { return static_cast<Vm>(a | b); }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm512_mask_blend_ps(m, b, a); }
 PH_INLINE u32 v_bits(Vm m) { return m; }
+PH_INLINE u32 v_equal(const u32* p, u32 one) {
+  return _mm512_cmpeq_epi32_mask(_mm512_loadu_si512(p), _mm512_set1_epi32(static_cast<int>(one)));
+}
+PH_INLINE u32 v_none(const u32* p, u32 some) {
+  return _mm512_testn_epi32_mask(_mm512_loadu_si512(p), _mm512_set1_epi32(static_cast<int>(some)));
+}
 #elif defined(__AVX2__)
 using Vf = __m256;
 using Vm = __m256;
@@ -46,6 +52,19 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return _mm256_and_ps(a, b); }
 PH_INLINE Vm v_or(Vm a, Vm b) { return _mm256_or_ps(a, b); }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm256_blendv_ps(b, a, m); }
 PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm256_movemask_ps(m)); }
+PH_INLINE u32 v_equal(__m256i a, __m256i b) {
+  return static_cast<u32>(_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(a, b))));
+}
+PH_INLINE __m256i v_whole(const u32* p) {
+  return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));
+}
+PH_INLINE u32 v_equal(const u32* p, u32 one) {
+  return v_equal(v_whole(p), _mm256_set1_epi32(static_cast<int>(one)));
+}
+PH_INLINE u32 v_none(const u32* p, u32 some) {
+  const __m256i found = _mm256_and_si256(v_whole(p), _mm256_set1_epi32(static_cast<int>(some)));
+  return v_equal(found, _mm256_setzero_si256());
+}
 #elif defined(__SSE4_2__)
 using Vf = __m128;
 using Vm = __m128;
@@ -62,6 +81,19 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return _mm_and_ps(a, b); }
 PH_INLINE Vm v_or(Vm a, Vm b) { return _mm_or_ps(a, b); }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm_blendv_ps(b, a, m); }
 PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm_movemask_ps(m)); }
+PH_INLINE u32 v_equal(__m128i a, __m128i b) {
+  return static_cast<u32>(_mm_movemask_ps(_mm_castsi128_ps(_mm_cmpeq_epi32(a, b))));
+}
+PH_INLINE __m128i v_whole(const u32* p) {
+  return _mm_loadu_si128(reinterpret_cast<const __m128i*>(p));
+}
+PH_INLINE u32 v_equal(const u32* p, u32 one) {
+  return v_equal(v_whole(p), _mm_set1_epi32(static_cast<int>(one)));
+}
+PH_INLINE u32 v_none(const u32* p, u32 some) {
+  const __m128i found = _mm_and_si128(v_whole(p), _mm_set1_epi32(static_cast<int>(some)));
+  return v_equal(found, _mm_setzero_si128());
+}
 #else
 using Vf = float;
 using Vm = bool;
@@ -78,6 +110,8 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return a && b; }
 PH_INLINE Vm v_or(Vm a, Vm b) { return a || b; }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return m ? a : b; }
 PH_INLINE u32 v_bits(Vm m) { return m ? 1u : 0u; }
+PH_INLINE u32 v_equal(const u32* p, u32 one) { return *p == one ? 1u : 0u; }
+PH_INLINE u32 v_none(const u32* p, u32 some) { return (*p & some) == 0 ? 1u : 0u; }
 #endif
 
 // --- Four floats, from floats or from whole numbers ---------------------------------------------
@@ -262,30 +296,20 @@ PH_INLINE u32 bits(const LaneMask& m) {
 
 // Bit i: number i is this one.
 PH_INLINE u32 equal(u32 one, const u32 (&numbers)[16]) {
-#if defined(__AVX512F__)
-  return _mm512_cmpeq_epi32_mask(_mm512_loadu_si512(numbers),
-                                 _mm512_set1_epi32(static_cast<int>(one)));
-#else
   u32 r = 0;
-  for (u32 k = 0; k < 16; ++k) r |= (numbers[k] == one ? 1u : 0u) << k;
+  for (int k = 0; k < kParts; ++k) r |= v_equal(numbers + k * kNative, one) << (k * kNative);
   return r;
-#endif
 }
 // Bit i: number i has any of some bits.
 PH_INLINE u32 any_of(u32 some, const u32 (&numbers)[16]) {
-#if defined(__AVX512F__)
-  return _mm512_test_epi32_mask(_mm512_loadu_si512(numbers),
-                                _mm512_set1_epi32(static_cast<int>(some)));
-#else
-  u32 r = 0;
-  for (u32 k = 0; k < 16; ++k) r |= ((numbers[k] & some) != 0 ? 1u : 0u) << k;
-  return r;
-#endif
+  u32 none = 0;
+  for (int k = 0; k < kParts; ++k) none |= v_none(numbers + k * kNative, some) << (k * kNative);
+  return none ^ 0xffffu;
 }
 
 // The lowest n bits of those that are set.
 PH_INLINE u32 lowest_bits(u32 m, u32 n) {
-#if defined(__BMI2__)
+#if defined(__AVX512F__)  // the first processors with AVX2 took hundreds of cycles for it
   return _pdep_u32((1u << n) - 1, m);
 #else
   u32 r = 0;
@@ -336,6 +360,7 @@ PH_INLINE void move(T (&to)[16], const T (&from)[16], const LaneMoves& m) {
                                     static_cast<__mmask8>(taken >> 8), _mm512_loadu_si512(to + 8),
                                     _mm512_permutex2var_epi64(low, second, high)));
   } else {
+    // Other than above by a masked store: which is faster was measured (docs/performance.md).
     _mm512_mask_storeu_epi32(to, taken,
                              _mm512_permutexvar_epi32(m.source, _mm512_loadu_si512(from)));
   }
