@@ -1,19 +1,12 @@
 // The nearest hits of sixteen rays that lie close together, such as those of a pixel. Each node is
-// tested once for all of them, by bounds of what any of them meets. Of a leaf of spheres those that
-// any may meet are found at once, and each is tested against all rays; the box of another is tested
-// once for the sixteen, and its primitives by each that meets that box. What is found is what each
-// ray finds by itself.
+// tested once for all of them, by bounds of what any of them meets. Of a leaf of spheres or
+// triangles those that any may meet are found at once, and each is tested against all rays; the box
+// of another is tested once for the sixteen, and its primitives by each that meets that box. What
+// is found is what each ray finds by itself.
 #pragma once
 #include "ray_batch.h"
 
 namespace parhelion::PH_ISA {
-
-// Bounds of rays' origins and of the inverses of their directions, whose signs are the same.
-struct RayBounds {
-  Vec3 low, high, inverse_low, inverse_high;
-  u32 sign[3];
-  Bundle bundle;
-};
 
 // Of some lanes, of which there is one.
 PH_INLINE void span(const Rows<Vec3, kBatch>& rows, u32 lanes, Vec3& low, Vec3& high) {
@@ -29,8 +22,8 @@ PH_INLINE void span(const Rows<Vec3, kBatch>& rows, u32 lanes, Vec3& low, Vec3& 
 }
 
 // False where there are none, as directions differ in sign or have a 0, or something is no number.
-PH_INLINE bool bounds_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBatch>& direction,
-                         u32 lanes, RayBounds& b) {
+PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBatch>& direction,
+                         u32 lanes, Bundle& b) {
   Vec3 d_low, d_high;
   span(origin, lanes, b.low, b.high);
   span(direction, lanes, d_low, d_high);
@@ -39,33 +32,12 @@ PH_INLINE bool bounds_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBat
   b.inverse_high = {1.0f / d_low.x, 1.0f / d_low.y, 1.0f / d_low.z};
   b.sign[0] = b.inverse_low.x < 0.0f, b.sign[1] = b.inverse_low.y < 0.0f;
   b.sign[2] = b.inverse_low.z < 0.0f;
-  const auto reach = [](Vec3 low, Vec3 high) {  // from the middle, with room for its rounding
-    return 0.5f * length(high - low) * (1.0f + 0x1p-20f) + kBoxPad;
-  };
-  b.bundle = {(b.low + b.high) * 0.5f, (d_low + d_high) * 0.5f, reach(b.low, b.high),
-              reach(d_low, d_high)};
+  const Vec3 pad = {kBoxPad, kBoxPad, kBoxPad};  // for the rounding of the middle
+  b.origin = (b.low + b.high) * 0.5f, b.direction = (d_low + d_high) * 0.5f;
+  b.origin_off = (b.high - b.low) * 0.5f + pad, b.direction_off = (d_high - d_low) * 0.5f + pad;
+  b.radius = length(b.origin_off), b.spread = length(b.direction_off);
   return d_low.x * d_high.x > 0.0f && d_low.y * d_high.y > 0.0f && d_low.z * d_high.z > 0.0f &&
          finite(b.inverse_low) && finite(b.inverse_high) && finite(b.low) && finite(b.high);
-}
-
-// Bit i: some ray may meet child i's box before `limit`, at near[i] at the earliest.
-PH_INLINE u32 test_boxes_for_any(const Node& node, const RayBounds& rays, float limit,
-                                 float* near) {
-  Lanes first = all(0.0f), last = all(limit);
-  const auto slab = [&](u32 axis, float low, float high, float inverse_low, float inverse_high) {
-    const Lanes entry = load(rays.sign[axis] ? node.high[axis] : node.low[axis]);
-    const Lanes exit = load(rays.sign[axis] ? node.low[axis] : node.high[axis]);
-    // Of all products the least and the most
-    const Lanes in = entry - all(rays.sign[axis] ? low : high);
-    const Lanes out = exit - all(rays.sign[axis] ? high : low);
-    first = max(min(in * all(inverse_low), in * all(inverse_high)), first);
-    last = min(max(out * all(inverse_low), out * all(inverse_high)), last);
-  };
-  slab(0, rays.low.x, rays.high.x, rays.inverse_low.x, rays.inverse_high.x);
-  slab(1, rays.low.y, rays.high.y, rays.inverse_low.y, rays.inverse_high.y);
-  slab(2, rays.low.z, rays.high.z, rays.inverse_low.z, rays.inverse_high.z);
-  store(near, first);
-  return bits(first <= last * all(kSlabSlack));
 }
 
 // The nearest hits so far, as NearestHit. t is 0 in lanes that take no part.
@@ -88,13 +60,13 @@ struct Packet {
 
 // Bit k: ray k meets the box of a node's child before its own limit.
 PH_INLINE u32 test_box_for_each(const Node& node, u32 child, const Packet& rays,
-                                const RayBounds& bounds) {
+                                const Bundle& bundle) {
   Lanes first = all(0.0f), last = load(rays.best.t);
   for (u32 axis = 0; axis < 3; ++axis) {
     const float low = node.low[axis][child], high = node.high[axis][child];
     const Lanes o = load(rays.origin.row[axis]), inverse = load(rays.inverse.row[axis]);
-    first = max((all(bounds.sign[axis] ? high : low) - o) * inverse, first);
-    last = min((all(bounds.sign[axis] ? low : high) - o) * inverse, last);
+    first = max((all(bundle.sign[axis] ? high : low) - o) * inverse, first);
+    last = min((all(bundle.sign[axis] ? low : high) - o) * inverse, last);
   }
   return bits(first <= last * all(kSlabSlack));
 }
@@ -117,24 +89,31 @@ PH_APART inline void test_primitive(const Shape& shape, Child leaf, u32 lane, u3
   }
 }
 
+// Of a block's primitives those that any ray may meet, each against all rays.
+template <class Block>
+PH_APART inline void test_block(const Block& block, Child leaf, const Bundle& bundle, float limit,
+                                Packet& rays) {
+  for_each_bit(intersect_bundle(block, bundle, limit), [&](u32 i) {
+    test_primitive(primitive(block, i), leaf, i, block.id[i], rays.origin, rays.direction,
+                   rays.best);
+  });
+}
+
 // A leaf, which is a node's child, and all rays: where a shape can tell which of its primitives any
 // of them may meet before `limit`, those one by one; else ray by ray.
 PH_INLINE void test_leaf_together(const SceneView& scene, const Node& node, u32 lane,
-                                  const RayBounds& bounds, float limit, u32 lanes, Packet& rays) {
+                                  const Bundle& bundle, float limit, u32 lanes, Packet& rays) {
   const Child leaf = node.child[lane];
   const auto each = [&](auto&& test) {
-    for_each_bit(test_box_for_each(node, lane, rays, bounds) & lanes, [&](u32 k) {
+    for_each_bit(test_box_for_each(node, lane, rays, bundle) & lanes, [&](u32 k) {
       NearestHit best = rays.best.at(k);
       test(Ray{rays.origin.at(k), rays.direction.at(k), kNoSlot, false}, best);
       rays.best.set(k, best);
     });
   };
   const auto block = [&](const auto& own) {
-    if constexpr (requires { intersect_bundle(own, bounds.bundle, limit); }) {
-      for_each_bit(intersect_bundle(own, bounds.bundle, limit), [&](u32 i) {
-        test_primitive(primitive(own, i), leaf, i, own.id[i], rays.origin, rays.direction,
-                       rays.best);
-      });
+    if constexpr (requires { intersect_bundle(own, bundle, limit); }) {
+      test_block(own, leaf, bundle, limit, rays);
     } else {
       each([&](const Ray& ray, NearestHit& best) { test_block<false>(own, leaf, ray, best); });
     }
@@ -154,7 +133,7 @@ PH_INLINE void test_leaf_together(const SceneView& scene, const Node& node, u32 
 }
 
 // From an inner node on.
-inline void walk_together(const SceneView& scene, Child root, u32 lanes, const RayBounds& bounds,
+inline void walk_together(const SceneView& scene, Child root, u32 lanes, const Bundle& bundle,
                           Packet& rays) {
   // An entry is a node's index times sixteen and the child's lane there, since the child's box is
   // looked at once more, and in the upper half the bits of its distance.
@@ -165,7 +144,11 @@ inline void walk_together(const SceneView& scene, Child root, u32 lanes, const R
   for (;;) {
     alignas(64) float near[16];
     u64* const start = top;
-    for_each_bit(test_boxes_for_any(scene.nodes[inner], bounds, limit, near), [&](u32 lane) {
+    Lanes first;
+    const Node& met = scene.nodes[inner];
+    const u32 hits = test_boxes(load(met.low), load(met.high), bundle, limit, first);
+    store(near, first);
+    for_each_bit(hits, [&](u32 lane) {
       // Insertion sort on top of the stack, farthest first.
       const u64 e = static_cast<u64>(__builtin_bit_cast(u32, near[lane])) << 32 | inner << 4 | lane;
       u64* place = top++;
@@ -183,7 +166,7 @@ inline void walk_together(const SceneView& scene, Child root, u32 lanes, const R
         inner = child;
         break;
       }
-      test_leaf_together(scene, node, lane, bounds, limit, lanes, rays);
+      test_leaf_together(scene, node, lane, bundle, limit, lanes, rays);
       limit = most(rays.best.t);
     }
   }
@@ -205,9 +188,9 @@ PH_APART inline void begin_packet(const Rows<Vec3, kBatch>& __restrict direction
 inline void intersect_close(const SceneView& scene, const Rows<Vec3, kBatch>& origin,
                             const Rows<Vec3, kBatch>& direction, u32 lanes, float (&t)[kBatch],
                             SlotRows<kBatch>& slot) {
-  RayBounds bounds;
+  Bundle bundle;
   const bool bounded =
-      lanes != 0 && (scene.root & kLeafBit) == 0 && bounds_of(origin, direction, lanes, bounds);
+      lanes != 0 && (scene.root & kLeafBit) == 0 && bundle_of(origin, direction, lanes, bundle);
   if (!bounded) {
     const auto ray_at = [&](u32 k) -> Ray {
       return {origin.at(k), direction.at(k), kNoSlot, false};
@@ -218,7 +201,7 @@ inline void intersect_close(const SceneView& scene, const Rows<Vec3, kBatch>& or
   Packet rays;
   rays.origin = origin, rays.direction = direction;
   begin_packet(direction, lanes, rays.inverse, rays.best);
-  walk_together(scene, scene.root, lanes, bounds, rays);
+  walk_together(scene, scene.root, lanes, bundle, rays);
   compiler::copy(t, rays.best.t, sizeof(t));
   slot = rays.best.slot;
 }

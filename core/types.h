@@ -65,13 +65,6 @@ struct Ray {
   bool inward;
 };
 
-// Rays that lie close together: each starts within `radius` of the origin, and its direction ends
-// within `spread` of the one here, which need not be a unit long.
-struct Bundle {
-  Vec3 origin, direction;
-  float radius, spread;
-};
-
 // The nearest intersection: distance along the ray, and the primitive.
 struct Hit {
   float t;

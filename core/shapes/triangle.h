@@ -93,12 +93,14 @@ PH_INLINE bool pierced(const Triangle& t, const Ray& ray, const Shear& shear, We
   w.b = x[0] * y[2] - y[0] * x[2];
   w.c = x[1] * y[0] - y[1] * x[0];
   w.sum = w.a + w.b + w.c;
-  const bool inside =
-      w.sum < 0.0 ? w.a <= 0.0 && w.b <= 0.0 && w.c <= 0.0 : w.a >= 0.0 && w.b >= 0.0 && w.c >= 0.0;
-  return inside && w.sum != 0.0;
+  const bool below = (w.a <= 0.0) & (w.b <= 0.0) & (w.c <= 0.0);  // without branches
+  const bool above = (w.a >= 0.0) & (w.b >= 0.0) & (w.c >= 0.0);
+  return (below | above) & (w.sum != 0.0);
 }
 
-// Distance at which the ray passes through a triangle that is no mere line.
+// Distance at which the ray passes through a triangle that is no mere line. kBranches: whether what
+// is seldom needed is left out.
+template <bool kBranches = true>
 PH_INLINE float distance_to(const Triangle& t, const Ray& ray, const Shear& shear) {
   const DVec3 n = doubled_area(t);
   // By the plane: the weights' rounding would make a distance of the 0 at which a ray that starts
@@ -110,7 +112,10 @@ PH_INLINE float distance_to(const Triangle& t, const Ray& ray, const Shear& shea
   const float c = component(t.vertex[2], shear.z);
   const double low = min(a, min(b, c)), high = max(a, max(b, c));
   const double z = start + at * step;
-  if (z < low || z > high) at = (clamp(z, low, high) - start) / step;
+  if (!kBranches || z < low || z > high) {
+    const double between = (clamp(z, low, high) - start) / step;
+    at = (z < low) | (z > high) ? between : at;
+  }
   return static_cast<float>(at);
 }
 
@@ -172,6 +177,60 @@ PH_INLINE u32 intersect(const TriangleBlock& block, const Ray& ray, float limit,
     if (met(block, lane, passed, ray, shear, limit, distance[lane])) hit |= 1u << lane;
   }
   return hit;
+}
+
+// A bit for each of the block's triangles that some ray of a bundle may hit before `limit`. Sheared
+// so that its middle runs along an axis, the bundle is a rectangle around 0, and misses triangles
+// of which it lies beyond one edge and not beyond another.
+PH_INLINE u32 intersect_bundle(const TriangleBlock& block, const Bundle& rays, float limit) {
+  const u32 there = bits(load(block.vertex[0][0]) <= all(kInfinity));  // not NaN
+  if (!(rays.spread < 0.0625f)) return there;
+  const Shear shear = shear_along(rays.direction);
+  const Lanes origin_x = all(component(rays.origin, shear.x));
+  const Lanes origin_y = all(component(rays.origin, shear.y));
+  const Lanes origin_z = all(component(rays.origin, shear.z));
+  Lanes x[3], y[3], along[3];
+  for (int k = 0; k < 3; ++k) {
+    const Lanes z = load(block.vertex[k][shear.z]) - origin_z;
+    x[k] = (load(block.vertex[k][shear.x]) - origin_x) - all(shear.step_x) * z;
+    y[k] = (load(block.vertex[k][shear.y]) - origin_y) - all(shear.step_y) * z;
+    along[k] = z * all(shear.inverse);
+  }
+  const Lanes nearest = min(along[0], min(along[1], along[2]));
+  const Lanes farthest = max(along[0], max(along[1], along[2]));
+  // A ray's distance to where it passes a triangle that it hits is that along the middle, but for
+  // less than five radii and four spreads. There it is off the middle by no more than this. kBoxPad
+  // exceeds what rounding moves the test's vertices, and those here.
+  const Lanes way = farthest * all(1.0f + 4.0f * rays.spread) + all(5.0f * rays.radius);
+  const auto off = [&](int axis, float step) {
+    const auto sheared = [&](Vec3 a) {
+      return component(a, axis) + abs(step) * component(a, shear.z);
+    };
+    return way * all(sheared(rays.direction_off)) + all(sheared(rays.origin_off) + 4.0f * kBoxPad);
+  };
+  const Lanes off_x = off(shear.x, shear.step_x), off_y = off(shear.y, shear.step_y);
+  const auto size = [](const Lanes& a) { return max(a, all(0.0f) - a); };
+  u32 above = 0, below = 0;
+  for (u32 k = 0; k < 3; ++k) {
+    const u32 next = k == 2 ? 0 : k + 1;
+    const Lanes side = x[k] * y[next] - y[k] * x[next];
+    const Lanes room = size(x[next] - x[k]) * off_y + size(y[next] - y[k]) * off_x;
+    above |= bits(room < side);
+    below |= bits(side + room < all(0.0f));
+  }
+  const Lanes least = nearest - way * all(4.0f * rays.spread) - all(5.0f * rays.radius);
+  return there & bits(least <= all(limit)) & bits(all(0.0f) <= way) & ~(above & below);
+}
+
+// The distance at which a ray that does not start on a triangle meets it, behind its origin if
+// negative; 0 if it does not.
+PH_INLINE float intersect_one(const Triangle& t, Vec3 origin, Vec3 direction) {
+  const Ray ray = {origin, direction, kNoSlot, false};
+  const Shear shear = shear_along(direction);
+  Weights w;
+  const bool inside = pierced(t, ray, shear, w);
+  const float distance = distance_to<false>(t, ray, shear);
+  return inside ? distance : 0.0f;
 }
 
 // Whether any is hit but those of `ignored`, a bit for each.

@@ -324,8 +324,8 @@ void rays_together_meet_what_each_meets() {
       float t[kBatch], t_apart[kBatch];
       SlotRows<kBatch> slot, slot_apart;
       intersect_close(scene.view(), origin, direction, lanes, t, slot);
-      RayBounds bounds;
-      bounded += bounds_of(origin, direction, lanes, bounds) ? 1 : 0;
+      Bundle bundle;
+      bounded += bundle_of(origin, direction, lanes, bundle) ? 1 : 0;
       const auto ray_at = [&](u32 k) { return Ray{origin.at(k), direction.at(k), kNoSlot, false}; };
       intersect_each(scene.view(), direction, lanes, ray_at, true, t_apart, slot_apart);
       // And whether anything but the nearest is met before that, or not much farther away.
@@ -350,57 +350,96 @@ void rays_together_meet_what_each_meets() {
   CHECK(behind > 400);
 }
 
-// Spheres of all sizes that a bundle's rays graze, miss closely, start in and leave behind.
-void bundles_meet_what_their_rays_meet() {
-  using namespace baseline;
-  int hits = 0, left_out = 0, grazed = 0;
-  for (u32 i = 0; i < 3000; ++i) {
-    const auto s = make_sampler(SamplerKind::independent, 3, 1, i, 7);
-    const float spread = i % 3 == 0 ? 1e-6f : i % 3 == 1 ? 1e-3f : 0.1f;
-    const float lens = i % 2 == 0 ? 0.0f : 0.01f;
+// Sixteen rays close to each other, as of a camera with a lens or without.
+struct Rays {
+  baseline::Rows<Vec3, baseline::kBatch> origin, direction;
+
+  explicit Rays(u32 i, const baseline::Sampler& s) {
+    using namespace baseline;
+    const float spread = i % 4 == 0 ? 1e-6f : i % 4 == 1 ? 1e-3f : i % 4 == 2 ? 0.02f : 0.3f;
+    const float lens = i % 3 == 0 ? 0.0f : i % 3 == 1 ? 1e-4f : 0.02f;
     const Vec3 from = uniform_sphere(draw2(s, 0)) * 0.9f;
-    const Vec3 middle = normalize(Vec3{1.0f, 0.7f, 0.5f} + uniform_sphere(draw2(s, 1)) * 0.3f);
-    Rows<Vec3, kBatch> origin, direction;
+    const Vec3 ways[3] = {{1.0f, 0.7f, 0.6f}, {-0.6f, -1.0f, 0.7f}, {0.6f, -0.7f, 1.0f}};
+    const Vec3 middle = normalize(ways[i % 5 % 3] + uniform_sphere(draw2(s, 1)) * 0.2f);
     for (u32 k = 0; k < kBatch; ++k) {
       const Vec3 way = uniform_sphere(draw2(s, 2 + k));
       origin.set(k, from + way * lens);
       direction.set(k, normalize(middle + way * spread));
     }
-    SphereBlock block;
-    for (u32 k = 0; k < 16; ++k) {
-      const Vec2 a = draw2(s, 20 + k), b = draw2(s, 40 + k);
-      const Vec3 o = origin.at(k), d = direction.at(k);
-      const float radius = std::exp(-14.0f * a.x), along = 2.0f * a.y - 0.4f;
-      const float near = b.x < 0.5f ? 1.0f + (b.y - 0.5f) * 1e-5f : 4.0f * b.y;  // of its radius
-      const Vec3 center = o + d * along + frame_along(d, {0, 0, 1}).x * (radius * near);
-      block.x[k] = center.x, block.y[k] = center.y, block.z[k] = center.z;
-      block.radius[k] = radius, block.id[k] = k;
-    }
-    block.x[i % 16] = std::numeric_limits<float>::quiet_NaN();  // an unused lane
-    RayBounds bounds;
-    CHECK(bounds_of(origin, direction, 0xffff, bounds));
+  }
+  Ray at(u32 k) const { return {origin.at(k), direction.at(k), kNoSlot, false}; }
+};
+
+// What a bundle says its rays may meet of a block, and what each of them meets.
+struct Met {
+  int hits = 0, left_out = 0;
+
+  template <class Block>
+  void look(const Rays& rays, const Block& block, u32 unused) {
+    using namespace baseline;
+    Bundle bundle;
+    CHECK(bundle_of(rays.origin, rays.direction, 0xffff, bundle));
     for (const float limit : {kInfinity, 0.5f}) {
-      const u32 may = intersect_bundle(block, bounds.bundle, limit);
-      CHECK((may >> (i % 16) & 1u) == 0);
-      u32 any = 0;
+      const u32 may = intersect_bundle(block, bundle, limit);
+      CHECK((may >> unused & 1u) == 0);
+      left_out += 15 - std::popcount(may);
       for (u32 k = 0; k < kBatch; ++k) {
         float t[16];
-        const Ray ray = {origin.at(k), direction.at(k), kNoSlot, false};
+        const Ray ray = rays.at(k);
         const u32 met = intersect(block, ray, limit, kNone, t);
         CHECK((met & ~may) == 0);
+        hits += std::popcount(met);
         for (u32 j = 0; j < 16; ++j) {
           const float one = intersect_one(primitive(block, j), ray.origin, ray.direction);
           CHECK((met >> j & 1u) == (one > 0.0f && one <= limit ? 1u : 0u));
           if ((met >> j & 1u) != 0) CHECK(one == t[j]);
         }
-        any |= met;
-        grazed += static_cast<int>(met >> k & 1u);
       }
-      hits += std::popcount(any);
-      left_out += 16 - std::popcount(may);
     }
   }
-  CHECK(hits > 10000 && left_out > 10000 && grazed > 5000);
+};
+
+// Primitives of all sizes that a bundle's rays graze, miss closely, start in and leave behind.
+void bundles_meet_what_their_rays_meet() {
+  using namespace baseline;
+  Met spheres, triangles;
+  for (u32 i = 0; i < 4000; ++i) {
+    const auto s = make_sampler(SamplerKind::independent, 3, 1, i, 7);
+    const Rays rays(i, s);
+    SphereBlock round = {};
+    TriangleBlock flat = {};
+    for (u32 k = 0; k < 16; ++k) {
+      const Vec2 a = draw2(s, 20 + k), b = draw2(s, 40 + k);
+      const Vec3 o = rays.origin.at(k), d = rays.direction.at(k);
+      const Vec3 aside = frame_along(d, uniform_sphere(draw2(s, 60 + k))).x;
+      const float size = std::exp(-14.0f * a.x), along = 2.0f * a.y - 0.4f;
+      const float near = b.x < 0.5f ? 1.0f + (b.y - 0.5f) * 1e-5f : 4.0f * b.y;  // of its radius
+      const Vec3 center = o + d * along + aside * (size * near);
+      round.x[k] = center.x, round.y[k] = center.y, round.z[k] = center.z;
+      round.radius[k] = size, round.id[k] = k;
+      // Needles, too, and of some a vertex or an edge on the ray.
+      const float thin = k % 3 == 0 ? 1e-3f : 1.0f;
+      Vec3 corner[3] = {center, center + uniform_sphere(draw2(s, 80 + k)) * size,
+                        center + uniform_sphere(draw2(s, 100 + k)) * (size * thin)};
+      if (k % 4 == 1) corner[0] = o + d * along;
+      if (k % 4 == 2) corner[1] = corner[0] - aside * (2.0f * size);
+      for (u32 c = 0; c < 3; ++c) {
+        flat.vertex[c][0][k] = corner[c].x, flat.vertex[c][1][k] = corner[c].y;
+        flat.vertex[c][2][k] = corner[c].z;
+      }
+      flat.id[k] = k;
+    }
+    const u32 unused = i % 16;
+    const float none = std::numeric_limits<float>::quiet_NaN();
+    round.x[unused] = round.y[unused] = round.z[unused] = none;
+    for (auto& corner : flat.vertex) {
+      for (auto& axis : corner) axis[unused] = none;
+    }
+    spheres.look(rays, round, unused);
+    triangles.look(rays, flat, unused);
+  }
+  CHECK(spheres.hits > 100000 && spheres.left_out > 20000);
+  CHECK(triangles.hits > 20000 && triangles.left_out > 40000);
 }
 
 // Even numbers that have chosen a lobe are even ones for its directions, in [0, 1).
