@@ -114,7 +114,8 @@ PH_INLINE float distance_to(const Triangle& t, const Ray& ray, const Shear& shea
   const double z = start + at * step;
   if (!kBranches || z < low || z > high) {
     const double between = (clamp(z, low, high) - start) / step;
-    at = (z < low) | (z > high) ? between : at;
+    const bool outside = (z < low) | (z > high);
+    at = outside ? between : at;
   }
   return static_cast<float>(at);
 }
