@@ -8,8 +8,8 @@
 
 namespace parhelion::PH_ISA {
 
-// Of some lanes, of which there is one.
-PH_INLINE void span(const Rows<Vec3, kBatch>& rows, u32 lanes, Vec3& low, Vec3& high) {
+// The least and the most of some lanes, of which there is at least one.
+PH_INLINE void bounds_of(const Rows<Vec3, kBatch>& rows, u32 lanes, Vec3& low, Vec3& high) {
   const Vec3 first = rows.at(lowest_bit(lanes));
   float own[3][kBatch];
   for (u32 k = 0; k < kBatch; ++k) {
@@ -21,12 +21,13 @@ PH_INLINE void span(const Rows<Vec3, kBatch>& rows, u32 lanes, Vec3& low, Vec3& 
   extremes(own, low, high);
 }
 
-// False where there are none, as directions differ in sign or have a 0, or something is no number.
+// False where there are none, as directions differ in sign or have a 0, or something is no number;
+// a NaN that is passed over instead does no harm, as its ray meets nothing.
 PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBatch>& direction,
                          u32 lanes, Bundle& b) {
   Vec3 d_low, d_high;
-  span(origin, lanes, b.low, b.high);
-  span(direction, lanes, d_low, d_high);
+  bounds_of(origin, lanes, b.low, b.high);
+  bounds_of(direction, lanes, d_low, d_high);
   // Rounding keeps the order of numbers, so that bounds of the inverses are inverses of bounds.
   b.inverse_low = {1.0f / d_high.x, 1.0f / d_high.y, 1.0f / d_high.z};
   b.inverse_high = {1.0f / d_low.x, 1.0f / d_low.y, 1.0f / d_low.z};
@@ -38,6 +39,26 @@ PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBat
   b.radius = length(b.origin_off), b.spread = length(b.direction_off);
   return d_low.x * d_high.x > 0.0f && d_low.y * d_high.y > 0.0f && d_low.z * d_high.z > 0.0f &&
          finite(b.inverse_low) && finite(b.inverse_high) && finite(b.low) && finite(b.high);
+}
+
+// Bit i: some ray may meet child i's box before `limit`, at near[i] at the earliest.
+PH_INLINE u32 test_boxes(const Node& node, const Bundle& rays, float limit, Lanes& near) {
+  const LaneVec3 low = load(node.low), high = load(node.high);
+  Lanes first = all(0.0f), last = all(limit);
+  const auto slab = [&](const Lanes& a, const Lanes& b, int axis) {
+    const bool backwards = rays.sign[axis] != 0;
+    const float from = component(rays.low, axis), to = component(rays.high, axis);
+    const Lanes least = all(component(rays.inverse_low, axis));
+    const Lanes most = all(component(rays.inverse_high, axis));
+    // Of all products the least and the most
+    const Lanes in = (backwards ? b : a) - all(backwards ? from : to);
+    const Lanes out = (backwards ? a : b) - all(backwards ? to : from);
+    first = max(min(in * least, in * most), first);
+    last = min(max(out * least, out * most), last);
+  };
+  slab(low.x, high.x, 0), slab(low.y, high.y, 1), slab(low.z, high.z, 2);
+  near = first;
+  return bits(first <= last * all(kSlabSlack));
 }
 
 // The nearest hits so far, as NearestHit. t is 0 in lanes that take no part.
@@ -91,8 +112,8 @@ PH_APART inline void test_primitive(const Shape& shape, Child leaf, u32 lane, u3
 
 // Of a block's primitives those that any ray may meet, each against all rays.
 template <class Block>
-PH_APART inline void test_block(const Block& block, Child leaf, const Bundle& bundle, float limit,
-                                Packet& rays) {
+PH_APART inline void test_block_together(const Block& block, Child leaf, const Bundle& bundle,
+                                         float limit, Packet& rays) {
   for_each_bit(intersect_bundle(block, bundle, limit), [&](u32 i) {
     test_primitive(primitive(block, i), leaf, i, block.id[i], rays.origin, rays.direction,
                    rays.best);
@@ -113,7 +134,7 @@ PH_INLINE void test_leaf_together(const SceneView& scene, const Node& node, u32 
   };
   const auto block = [&](const auto& own) {
     if constexpr (requires { intersect_bundle(own, bundle, limit); }) {
-      test_block(own, leaf, bundle, limit, rays);
+      test_block_together(own, leaf, bundle, limit, rays);
     } else {
       each([&](const Ray& ray, NearestHit& best) { test_block<false>(own, leaf, ray, best); });
     }
@@ -145,8 +166,7 @@ inline void walk_together(const SceneView& scene, Child root, u32 lanes, const B
     alignas(64) float near[16];
     u64* const start = top;
     Lanes first;
-    const Node& met = scene.nodes[inner];
-    const u32 hits = test_boxes(load(met.low), load(met.high), bundle, limit, first);
+    const u32 hits = test_boxes(scene.nodes[inner], bundle, limit, first);
     store(near, first);
     for_each_bit(hits, [&](u32 lane) {
       // Insertion sort on top of the stack, farthest first.

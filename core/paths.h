@@ -28,9 +28,9 @@ struct Paths {
   Rows<Vec3, kBatch> origin, direction;  // of the ray; as in Ray, which the next two are, too
   SlotRows<kBatch> self;
   u32 inward[kBatch];
-  SlotRows<kBatch>
-      slot;         // what the ray hits, once it has been traced; its leaf is kNone for nothing
-  float t[kBatch];  // and how far away
+  // What the ray hits, once it has been traced, and how far away; the leaf is kNone for nothing.
+  SlotRows<kBatch> slot;
+  float t[kBatch];
   Rows<Vec3, kBatch> sum, throughput;
   Rows<Receiver, kBatch> receiver;    // the vertex that the ray leaves
   u32 glossy;                         // bits for those whose vertices have highlights
@@ -65,7 +65,8 @@ struct Paths {
     if (has != 0) copy_lane(highlight, k, from, lane);
   }
 
-  // Takes the path that others have at a lane.
+  // Takes paths that others have at some lanes and that have just begun. Without bodies no account
+  // of media ever holds anything.
   PH_APART void take(const LaneMoves& moves, const Paths& from, bool bodies) {
     const auto take_rows = [&](auto... row) { (move_lanes(this->*row, from.*row, moves), ...); };
     take_rows(&Paths::origin, &Paths::direction, &Paths::self, &Paths::inward, &Paths::slot,

@@ -54,18 +54,10 @@ PH_INLINE void move_lanes(T (&to)[kCount], const T (&from)[kCount], const LaneMo
   move(to, from, m);
 }
 
-// One lane of rows, or of an array, from another's.
+// One lane of rows from another's.
 template <class T, u32 kCount>
 PH_INLINE void copy_lane(Rows<T, kCount>& to, u32 k, const Rows<T, kCount>& from, u32 lane) {
   to.set(k, from.at(lane));
-}
-template <u32 kCount>
-PH_INLINE void copy_lane(SlotRows<kCount>& to, u32 k, const SlotRows<kCount>& from, u32 lane) {
-  to.set(k, from.at(lane));
-}
-template <class T, u32 kCount>
-PH_INLINE void copy_lane(T (&to)[kCount], u32 k, const T (&from)[kCount], u32 lane) {
-  to[k] = from[lane];
 }
 
 }  // namespace parhelion::PH_ISA

@@ -309,7 +309,7 @@ PH_INLINE u32 any_of(u32 some, const u32 (&numbers)[16]) {
 
 // The lowest n bits of those that are set.
 PH_INLINE u32 lowest_bits(u32 m, u32 n) {
-#if defined(__AVX512F__)  // the first processors with AVX2 took hundreds of cycles for it
+#if defined(__AVX512F__)  // AMD's with AVX2 alone may take hundreds of cycles for it
   return _pdep_u32((1u << n) - 1, m);
 #else
   u32 r = 0;

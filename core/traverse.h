@@ -5,6 +5,10 @@
 
 namespace parhelion::PH_ISA {
 
+// Slack of the box test, which covers its own rounding and that of the primitives' distances. A box
+// must never reject a primitive that would report a hit.
+inline constexpr float kSlabSlack = 1.0f + 0x1p-20f;
+
 struct NearestHit {
   Hit hit;
   u32 id;       // of two hits at one distance the lower id counts, whatever the order of the tests

@@ -103,11 +103,11 @@ inline constexpr u32 kTextured = 1u << 1;  // parameters or normals
 inline constexpr u32 kShines = 1u << 2;    // on some side, if no texture makes it black
 inline constexpr u32 kShinesByTexture = 1u << 3;
 inline constexpr u32 kVaries = 1u << 4;  // a blend, or the back is another
-inline constexpr u32 kTraits = 8;
+inline constexpr u32 kKindShift = 8;
 
 // A surface's material: its type's own parameters, and what every type has.
 struct MaterialRecord {
-  u32 traits;  // those bits, and from kTraits on the block's kind
+  u32 traits;  // those bits, and from kKindShift on the block's kind
   ParamBlock block;
   u32 first_binding, binding_count;
   Vec3 emission;  // radiance

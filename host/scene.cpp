@@ -619,7 +619,7 @@ void Scene::make_materials() {
     const bool varies = m.blend_first != kNone || m.back != i;
     m.traits = (m.traits & kUsesUv) | (textured ? kTextured : 0) | (shines(m) ? kShines : 0) |
                (m.emission_texture != kNone ? kShinesByTexture : 0) | (varies ? kVaries : 0) |
-               m.block.kind << kTraits;
+               m.block.kind << kKindShift;
     m.body = has_inside(m) && (m.priority != 0 || !baseline::black(m.absorption));
     has_bodies_ = has_bodies_ || m.body;
     view_.has_holes =

@@ -18,6 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -476,6 +477,13 @@ def test_units_are_short_in_the_end_and_long_for_many() -> None:
     ]
     # a thousand workers: this process can hand out as many units as they do
     assert 1000 / seconds(1e9, 1000, 0.005) * 0.005 <= sampler._BUSY + 1e-9
+
+
+def test_the_first_tiles_lie_all_over_the_picture() -> None:
+    film = SimpleNamespace(x=0, y=0, width=1900, height=1080)
+    first = sampler._tiles(film, 2)[:8]
+    assert len({tile.y // 180 for tile in first}) >= 5
+    assert len({tile.x // 320 for tile in first}) >= 4
 
 
 def test_workers_with_another_build_are_refused(scene: Any) -> None:

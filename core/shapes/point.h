@@ -38,10 +38,6 @@ inline constexpr float kRounding = 0x1p-24f;
 // so that whatever is hit is hit within its box.
 inline constexpr float kBoxPad = 0x1p-19f;
 
-// Slack of the box test, which covers its own rounding and that of the primitives' distances. A box
-// must never reject a primitive that would report a hit.
-inline constexpr float kSlabSlack = 1.0f + 0x1p-20f;
-
 PH_INLINE Box padded(Vec3 low, Vec3 high) {
   const Vec3 pad = {kBoxPad, kBoxPad, kBoxPad};
   return {low - pad, high + pad};
@@ -100,9 +96,6 @@ PH_INLINE Vec3 vector_at(const float (&rows)[3][16], u32 lane) {
   return {rows[0][lane], rows[1][lane], rows[2][lane]};
 }
 PH_INLINE LaneVec3 all(Vec3 a) { return {all(a.x), all(a.y), all(a.z)}; }
-PH_INLINE LaneVec3 operator+(const LaneVec3& a, const LaneVec3& b) {
-  return {a.x + b.x, a.y + b.y, a.z + b.z};
-}
 PH_INLINE LaneVec3 operator-(const LaneVec3& a, const LaneVec3& b) {
   return {a.x - b.x, a.y - b.y, a.z - b.z};
 }
@@ -111,12 +104,6 @@ PH_INLINE LaneVec3 operator*(const LaneVec3& a, const Lanes& s) {
 }
 PH_INLINE Lanes dot(const LaneVec3& a, const LaneVec3& b) {
   return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-PH_INLINE LaneVec3 min(const LaneVec3& a, const LaneVec3& b) {
-  return {min(a.x, b.x), min(a.y, b.y), min(a.z, b.z)};
-}
-PH_INLINE LaneVec3 max(const LaneVec3& a, const LaneVec3& b) {
-  return {max(a.x, b.x), max(a.y, b.y), max(a.z, b.z)};
 }
 PH_INLINE LaneVec3 cross(const LaneVec3& a, const LaneVec3& b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
@@ -134,26 +121,6 @@ struct Bundle {
   Vec3 origin_off, direction_off;
   float radius, spread;
 };
-
-// Bit i: some ray may meet box i before `limit`, at near[i] at the earliest.
-PH_INLINE u32 test_boxes(const LaneVec3& low, const LaneVec3& high, const Bundle& rays, float limit,
-                         Lanes& near) {
-  Lanes first = all(0.0f), last = all(limit);
-  const auto slab = [&](const Lanes& a, const Lanes& b, int axis) {
-    const bool backwards = rays.sign[axis] != 0;
-    const float from = component(rays.low, axis), to = component(rays.high, axis);
-    const Lanes least = all(component(rays.inverse_low, axis));
-    const Lanes most = all(component(rays.inverse_high, axis));
-    // Of all products the least and the most
-    const Lanes in = (backwards ? b : a) - all(backwards ? from : to);
-    const Lanes out = (backwards ? a : b) - all(backwards ? to : from);
-    first = max(min(in * least, in * most), first);
-    last = min(max(out * least, out * most), last);
-  };
-  slab(low.x, high.x, 0), slab(low.y, high.y, 1), slab(low.z, high.z, 2);
-  near = first;
-  return bits(first <= last * all(kSlabSlack));
-}
 
 // --- Directions towards points of a surface -----------------------------------------------------
 

@@ -200,26 +200,31 @@ PH_INLINE u32 intersect_bundle(const TriangleBlock& block, const Bundle& rays, f
   const Lanes nearest = min(along[0], min(along[1], along[2]));
   const Lanes farthest = max(along[0], max(along[1], along[2]));
   // A ray's distance to where it passes a triangle that it hits is that along the middle, but for
-  // less than five radii and four spreads. There it is off the middle by no more than this. kBoxPad
-  // exceeds what rounding moves the test's vertices, and those here.
-  const Lanes way = farthest * all(1.0f + 4.0f * rays.spread) + all(5.0f * rays.radius);
+  // less than five radii and four spreads of the distance. There it is off the middle by no more
+  // than this. Of a triangle that reaches behind the origin and is seen from its edge, its line may
+  // pass it behind. kBoxPad exceeds what rounding moves the test's vertices, and those here.
+  const float wider = 1.0f + 4.0f * rays.spread, longer = 5.0f * rays.radius;
+  const Lanes way = farthest * all(wider) + all(longer);
+  const Lanes reach = max(farthest, all(0.0f) - nearest) * all(wider) + all(longer);
   const auto off = [&](int axis, float step) {
     const auto sheared = [&](Vec3 a) {
       return component(a, axis) + abs(step) * component(a, shear.z);
     };
-    return way * all(sheared(rays.direction_off)) + all(sheared(rays.origin_off) + 4.0f * kBoxPad);
+    return reach * all(sheared(rays.direction_off)) +
+           all(sheared(rays.origin_off) + 4.0f * kBoxPad);
   };
   const Lanes off_x = off(shear.x, shear.step_x), off_y = off(shear.y, shear.step_y);
   const auto size = [](const Lanes& a) { return max(a, all(0.0f) - a); };
   u32 above = 0, below = 0;
   for (u32 k = 0; k < 3; ++k) {
     const u32 next = k == 2 ? 0 : k + 1;
-    const Lanes side = x[k] * y[next] - y[k] * x[next];
-    const Lanes room = size(x[next] - x[k]) * off_y + size(y[next] - y[k]) * off_x;
+    const Lanes one = x[k] * y[next], other = y[k] * x[next], side = one - other;
+    const Lanes room = size(x[next] - x[k]) * off_y + size(y[next] - y[k]) * off_x +
+                       (size(one) + size(other)) * all(4.0f * kRounding);  // that of `side`, too
     above |= bits(room < side);
     below |= bits(side + room < all(0.0f));
   }
-  const Lanes least = nearest - way * all(4.0f * rays.spread) - all(5.0f * rays.radius);
+  const Lanes least = nearest - way * all(4.0f * rays.spread) - all(longer);
   return there & bits(least <= all(limit)) & bits(all(0.0f) <= way) & ~(above & below);
 }
 
@@ -228,8 +233,12 @@ PH_INLINE u32 intersect_bundle(const TriangleBlock& block, const Bundle& rays, f
 PH_INLINE float intersect_one(const Triangle& t, Vec3 origin, Vec3 direction) {
   const Ray ray = {origin, direction, kNoSlot, false};
   const Shear shear = shear_along(direction);
+  bool ahead = false;  // as `pass` wants it: rounding may put what lies behind a vertex ahead
+  for (const Vec3& v : t.vertex) {
+    ahead |= component(v - origin, shear.z) * shear.inverse > 0.0f;
+  }
   Weights w;
-  const bool inside = pierced(t, ray, shear, w);
+  const bool inside = pierced(t, ray, shear, w) & ahead;
   const float distance = distance_to<false>(t, ray, shear);
   return inside ? distance : 0.0f;
 }

@@ -82,7 +82,7 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
   Rows<Vec3, kBatch> n = v.shading;
   Vec3 along[kBatch];
   u32 opaque[kBatch], kind[kBatch], scattering = 0;
-  for (u32 k = 0; k < kBatch; ++k) kind[k] = v.traits[k] >> kTraits;
+  for (u32 k = 0; k < kBatch; ++k) kind[k] = v.traits[k] >> kKindShift;
   for (u32 left = lanes; left != 0;) {
     const u32 one = kind[lowest_bit(left)], same = equal(one, kind) & left;
     kinds.lanes[one] = same;

@@ -56,7 +56,7 @@ struct Vertices : PlainSurfaces {
   Rows<Vec2, kBatch> uv;
   Rows<Vec3, kBatch> dpdu, dpdv;
   float uv_rate[kBatch];
-  u32 parametrised;  // bits for those where the last three may be other than 0
+  u32 parametrised;  // bits for those where uv and what follows may be other than 0
 
   u32 front[kBatch];  // the surface is seen from its outside
   // What scatters: the surface's material or another that stands for it, and its parameters here,
