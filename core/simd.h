@@ -30,11 +30,10 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return static_cast<Vm>(a & b); }
 PH_INLINE Vm v_or(Vm a, Vm b) { return static_cast<Vm>(a | b); }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm512_mask_blend_ps(m, b, a); }
 PH_INLINE u32 v_bits(Vm m) { return m; }
-PH_INLINE u32 v_equal(const u32* p, u32 one) {
-  return _mm512_cmpeq_epi32_mask(_mm512_loadu_si512(p), _mm512_set1_epi32(static_cast<int>(one)));
-}
-PH_INLINE u32 v_none(const u32* p, u32 some) {
-  return _mm512_testn_epi32_mask(_mm512_loadu_si512(p), _mm512_set1_epi32(static_cast<int>(some)));
+PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
+  const __m512i n =
+      _mm512_xor_si512(_mm512_loadu_si512(p), _mm512_set1_epi32(static_cast<int>(flipped)));
+  return _mm512_testn_epi32_mask(n, _mm512_set1_epi32(static_cast<int>(some)));
 }
 #elif defined(__AVX2__)
 using Vf = __m256;
@@ -52,18 +51,11 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return _mm256_and_ps(a, b); }
 PH_INLINE Vm v_or(Vm a, Vm b) { return _mm256_or_ps(a, b); }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm256_blendv_ps(b, a, m); }
 PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm256_movemask_ps(m)); }
-PH_INLINE u32 v_equal(__m256i a, __m256i b) {
-  return static_cast<u32>(_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(a, b))));
-}
-PH_INLINE __m256i v_whole(const u32* p) {
-  return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));
-}
-PH_INLINE u32 v_equal(const u32* p, u32 one) {
-  return v_equal(v_whole(p), _mm256_set1_epi32(static_cast<int>(one)));
-}
-PH_INLINE u32 v_none(const u32* p, u32 some) {
-  const __m256i found = _mm256_and_si256(v_whole(p), _mm256_set1_epi32(static_cast<int>(some)));
-  return v_equal(found, _mm256_setzero_si256());
+PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
+  __m256i n = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));
+  n = _mm256_xor_si256(n, _mm256_set1_epi32(static_cast<int>(flipped)));
+  n = _mm256_and_si256(n, _mm256_set1_epi32(static_cast<int>(some)));
+  return v_bits(_mm256_castsi256_ps(_mm256_cmpeq_epi32(n, _mm256_setzero_si256())));
 }
 #elif defined(__SSE4_2__)
 using Vf = __m128;
@@ -81,18 +73,11 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return _mm_and_ps(a, b); }
 PH_INLINE Vm v_or(Vm a, Vm b) { return _mm_or_ps(a, b); }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm_blendv_ps(b, a, m); }
 PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm_movemask_ps(m)); }
-PH_INLINE u32 v_equal(__m128i a, __m128i b) {
-  return static_cast<u32>(_mm_movemask_ps(_mm_castsi128_ps(_mm_cmpeq_epi32(a, b))));
-}
-PH_INLINE __m128i v_whole(const u32* p) {
-  return _mm_loadu_si128(reinterpret_cast<const __m128i*>(p));
-}
-PH_INLINE u32 v_equal(const u32* p, u32 one) {
-  return v_equal(v_whole(p), _mm_set1_epi32(static_cast<int>(one)));
-}
-PH_INLINE u32 v_none(const u32* p, u32 some) {
-  const __m128i found = _mm_and_si128(v_whole(p), _mm_set1_epi32(static_cast<int>(some)));
-  return v_equal(found, _mm_setzero_si128());
+PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
+  __m128i n = _mm_loadu_si128(reinterpret_cast<const __m128i*>(p));
+  n = _mm_xor_si128(n, _mm_set1_epi32(static_cast<int>(flipped)));
+  n = _mm_and_si128(n, _mm_set1_epi32(static_cast<int>(some)));
+  return v_bits(_mm_castsi128_ps(_mm_cmpeq_epi32(n, _mm_setzero_si128())));
 }
 #else
 using Vf = float;
@@ -110,8 +95,9 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return a && b; }
 PH_INLINE Vm v_or(Vm a, Vm b) { return a || b; }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return m ? a : b; }
 PH_INLINE u32 v_bits(Vm m) { return m ? 1u : 0u; }
-PH_INLINE u32 v_equal(const u32* p, u32 one) { return *p == one ? 1u : 0u; }
-PH_INLINE u32 v_none(const u32* p, u32 some) { return (*p & some) == 0 ? 1u : 0u; }
+PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
+  return ((*p ^ flipped) & some) == 0 ? 1u : 0u;
+}
 #endif
 
 // --- Four floats, from floats or from whole numbers ---------------------------------------------
@@ -294,17 +280,18 @@ PH_INLINE u32 bits(const LaneMask& m) {
   return r;
 }
 
-// Bit i: number i is this one.
-PH_INLINE u32 equal(u32 one, const u32 (&numbers)[16]) {
+// Bit i: number i has 0 in some bits, after others were flipped.
+PH_INLINE u32 zeros(const u32 (&numbers)[16], u32 flipped, u32 some) {
   u32 r = 0;
-  for (int k = 0; k < kParts; ++k) r |= v_equal(numbers + k * kNative, one) << (k * kNative);
+  for (int k = 0; k < kParts; ++k)
+    r |= v_zeros(numbers + k * kNative, flipped, some) << (k * kNative);
   return r;
 }
+// Bit i: number i is this one.
+PH_INLINE u32 equal(u32 one, const u32 (&numbers)[16]) { return zeros(numbers, one, ~0u); }
 // Bit i: number i has any of some bits.
 PH_INLINE u32 any_of(u32 some, const u32 (&numbers)[16]) {
-  u32 none = 0;
-  for (int k = 0; k < kParts; ++k) none |= v_none(numbers + k * kNative, some) << (k * kNative);
-  return none ^ 0xffffu;
+  return zeros(numbers, 0, some) ^ 0xffffu;
 }
 
 // The lowest n bits of those that are set.

@@ -606,7 +606,7 @@ static bool has_inside(const MaterialRecord& m) {
 
 void Scene::make_materials() {
   const float per_unit = static_cast<float>(1.0 / scale_);
-  has_bodies_ = view_.has_holes = false;
+  view_.has_bodies = view_.has_holes = false;
   for (u32 i = 0; i < materials_.size(); ++i) {
     MaterialRecord& m = materials_[i];
     m.absorption = {m.absorption.x * per_unit, m.absorption.y * per_unit,
@@ -621,14 +621,13 @@ void Scene::make_materials() {
                (m.emission_texture != kNone ? kShinesByTexture : 0) | (varies ? kVaries : 0) |
                m.block.kind << kKindShift;
     m.body = has_inside(m) && (m.priority != 0 || !baseline::black(m.absorption));
-    has_bodies_ = has_bodies_ || m.body;
+    view_.has_bodies = view_.has_bodies || m.body;
     view_.has_holes =
         view_.has_holes || m.clear || m.opacity < 1.0f || m.opacity_texture.texture != kNone;
   }
   // Where there are bodies, what lies within them counts as one too: air in coloured glass.
   for (MaterialRecord& m : materials_)
-    m.body = m.body || (has_bodies_ && has_inside(m) && !m.clear);
-  view_.has_bodies = has_bodies_;
+    m.body = m.body || (view_.has_bodies && has_inside(m) && !m.clear);
   view_.materials = materials_.data();
 }
 

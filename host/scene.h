@@ -108,7 +108,7 @@ class Scene {
   // Normalised units per user's unit: a power of two.
   double scale() const { return scale_; }
   // Whether there is glass or liquid that a path keeps account of being inside of.
-  bool has_bodies() const { return has_bodies_; }
+  bool has_bodies() const { return view_.has_bodies; }
   size_t primitive_count() const { return primitive_count_; }
   size_t primitive_count(ShapeKind kind) const { return count_of_[static_cast<u32>(kind)]; }
   size_t node_count() const { return nodes_.size(); }
@@ -164,7 +164,6 @@ class Scene {
   size_t count_of_[8] = {};
   size_t light_count_ = 0;
   double scale_ = 1.0;
-  bool has_bodies_ = false;
   Array<Node> nodes_;
 #define SHAPE(name, Type) Array<Type##Block> name##s_;
 #include "../core/shapes.def"

@@ -98,8 +98,8 @@ PH_INLINE bool pierced(const Triangle& t, const Ray& ray, const Shear& shear, We
   return (below | above) & (w.sum != 0.0);
 }
 
-// Distance at which the ray passes through a triangle that is no mere line. kBranches: whether what
-// is seldom needed is left out.
+// Distance at which the ray passes through a triangle that is no mere line. Without
+// branches all is worked out, and 0 stands for what lies behind.
 template <bool kBranches = true>
 PH_INLINE float distance_to(const Triangle& t, const Ray& ray, const Shear& shear) {
   const DVec3 n = doubled_area(t);
@@ -116,6 +116,12 @@ PH_INLINE float distance_to(const Triangle& t, const Ray& ray, const Shear& shea
     const double between = (clamp(z, low, high) - start) / step;
     const bool outside = (z < low) | (z > high);
     at = outside ? between : at;
+    if constexpr (!kBranches) {
+      // What lies behind is not met, as `pass` has it, where rounding may put it ahead of a vertex.
+      // Here, as compilers make branches of it elsewhere.
+      const bool ahead = ((low - start) * step > 0.0) | ((high - start) * step > 0.0);
+      at = ahead ? at : 0.0;
+    }
   }
   return static_cast<float>(at);
 }
@@ -233,12 +239,8 @@ PH_INLINE u32 intersect_bundle(const TriangleBlock& block, const Bundle& rays, f
 PH_INLINE float intersect_one(const Triangle& t, Vec3 origin, Vec3 direction) {
   const Ray ray = {origin, direction, kNoSlot, false};
   const Shear shear = shear_along(direction);
-  bool ahead = false;  // as `pass` wants it: rounding may put what lies behind a vertex ahead
-  for (const Vec3& v : t.vertex) {
-    ahead |= component(v - origin, shear.z) * shear.inverse > 0.0f;
-  }
   Weights w;
-  const bool inside = pierced(t, ray, shear, w) & ahead;
+  const bool inside = pierced(t, ray, shear, w);
   const float distance = distance_to<false>(t, ray, shear);
   return inside ? distance : 0.0f;
 }
