@@ -410,6 +410,7 @@ nb::dict scene_stats(const Scene& scene) {
   d["bytes"] = scene.memory();
   d["peak_bytes"] = scene.peak_memory();
   d["scale"] = scene.scale();
+  d["holes"] = scene.view().has_holes;
   return d;
 }
 
@@ -528,6 +529,13 @@ RenderView make_view(const Scene& scene, const nb::dict& camera, u32 width, u32 
   return view;
 }
 
+// The same view with another seed, and with paths that are shared or not.
+RenderView but(const RenderView& view, u64 seed, bool reuse_paths) {
+  RenderView other = view;
+  other.seed = seed, other.reuse_paths = reuse_paths;
+  return other;
+}
+
 Schedule schedule_of(const std::string& name) {
   if (name == "dynamic") return Schedule::dynamic_;
   if (name == "static") return Schedule::static_;
@@ -537,26 +545,10 @@ Schedule schedule_of(const std::string& name) {
 
 using Counts = nb::ndarray<const u32, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
-// targets: samples per pixel, the same for all, by cell, or by pixel.
-std::tuple<u64, u64, bool> render(Film& film, const Scene& scene, const RenderView& view,
-                                  const std::variant<u32, Counts>& targets, int threads, u32 tile,
-                                  const std::string& schedule, const std::string& isa,
-                                  nb::object tick) {
-  const size_t down = film.cells_down(), across = film.cells_across();
-  Targets wanted;
-  if (const u32* all = std::get_if<u32>(&targets)) {
-    wanted.samples.assign(down * across, *all);
-  } else {
-    const Counts& given = std::get<Counts>(targets);
-    const bool by_cell = given.shape(0) == down && given.shape(1) == across;
-    wanted.by_pixel = given.shape(0) == film.height && given.shape(1) == film.width;
-    if (!by_cell && !wanted.by_pixel) {
-      throw SceneError("targets must be " + std::to_string(down) + " by " + std::to_string(across) +
-                       ", for cells, or " + std::to_string(film.height) + " by " +
-                       std::to_string(film.width));
-    }
-    wanted.samples.assign(given.data(), given.data() + given.size());
-  }
+// render_pass() with the GIL let go; returns samples, rays, and false if tick stopped it.
+std::tuple<u64, u64, bool> render_all(const Scene& scene, std::span<const Part> parts, int threads,
+                                      u32 tile, const std::string& schedule, const std::string& isa,
+                                      const nb::object& tick) {
   if (threads < 1) throw SceneError("threads must be at least 1");
   if (tile < 1) throw SceneError("tile must be at least 1");
   RenderOptions options;
@@ -580,10 +572,50 @@ std::tuple<u64, u64, bool> render(Film& film, const Scene& scene, const RenderVi
   PassResult result;
   {
     nb::gil_scoped_release unlocked;
-    result = render_pass(k, scene, view, film, wanted, options, on_tick);
+    result = render_pass(k, scene, parts, options, on_tick);
   }
   if (error) std::rethrow_exception(error);
   return {result.samples, result.rays, result.complete};
+}
+
+// targets: samples per pixel, the same for all, by cell, or by pixel.
+std::tuple<u64, u64, bool> render(Film& film, const Scene& scene, const RenderView& view,
+                                  const std::variant<u32, Counts>& targets, int threads, u32 tile,
+                                  const std::string& schedule, const std::string& isa,
+                                  nb::object tick) {
+  const size_t down = film.cells_down(), across = film.cells_across();
+  Targets wanted;
+  if (const u32* all = std::get_if<u32>(&targets)) {
+    wanted.samples.assign(down * across, *all);
+  } else {
+    const Counts& given = std::get<Counts>(targets);
+    const bool by_cell = given.shape(0) == down && given.shape(1) == across;
+    wanted.by_pixel = given.shape(0) == film.height && given.shape(1) == film.width;
+    if (!by_cell && !wanted.by_pixel) {
+      throw SceneError("targets must be " + std::to_string(down) + " by " + std::to_string(across) +
+                       ", for cells, or " + std::to_string(film.height) + " by " +
+                       std::to_string(film.width));
+    }
+    wanted.samples.assign(given.data(), given.data() + given.size());
+  }
+  const Part whole = {view, film, wanted};
+  return render_all(scene, {&whole, 1}, threads, tile, schedule, isa, tick);
+}
+
+// Some films, each with its own view, to the same number of samples.
+std::tuple<u64, u64, bool> render_films(const Scene& scene,
+                                        const std::vector<std::tuple<Film*, RenderView*>>& films,
+                                        u32 samples, int threads, u32 tile,
+                                        const std::string& schedule, const std::string& isa,
+                                        nb::object tick) {
+  std::vector<Targets> targets(films.size());
+  std::vector<Part> parts;
+  for (size_t i = 0; i < films.size(); ++i) {
+    const auto& [film, view] = films[i];
+    targets[i].samples.assign(size_t{film->cells_down()} * film->cells_across(), samples);
+    parts.push_back({*view, *film, targets[i]});
+  }
+  return render_all(scene, parts, threads, tile, schedule, isa, tick);
 }
 
 // Film::begin and Film::add; samples of each pixel.
@@ -857,7 +889,8 @@ NB_MODULE(_core, m) {
            "isa"_a = "")
       .def("light_sample", &light_sample, "origin"_a, "seed"_a, "n"_a);
 
-  nb::class_<RenderView>(m, "View", "A camera and settings, checked.");
+  nb::class_<RenderView>(m, "View", "A camera and settings, checked.")
+      .def("but", &but, "seed"_a, "reuse_paths"_a);
   m.def("make_view", &make_view, "scene"_a, nb::kw_only(), "camera"_a, "width"_a, "height"_a,
         "filter"_a, "filter_radius"_a, "sampler"_a, "seed"_a, "max_depth"_a, "roulette"_a, "tree"_a,
         "integrator"_a, "ao_distance"_a, "backdrop"_a.none(), "clamp_indirect"_a = 0.0,
@@ -882,6 +915,8 @@ NB_MODULE(_core, m) {
       .def("arrays", &film_arrays)
       .def("features", &feature_arrays, "unit"_a)
       .def("mattes", &matte_arrays, "shape_ids"_a, "material_ids"_a);
+  m.def("render_films", &render_films, "scene"_a, "films"_a, "samples"_a, nb::kw_only(),
+        "threads"_a, "tile"_a, "schedule"_a, "isa"_a, "tick"_a.none());
   m.def("one_sample", &one_sample, "scene"_a, "view"_a, "x"_a, "y"_a, "sample"_a, "isa"_a = "");
 
   m.attr("sources") = PARHELION_SOURCES;  // a hash of what decides over the picture

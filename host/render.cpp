@@ -203,20 +203,35 @@ void keep_prefixes(Film& film, const Run& run, u32 y) {
 struct Job {
   const Kernels& kernels;
   const SceneView& scene;
-  const RenderView& view;
-  Film& film;
-  const Targets& targets;
+  Part part;
   Pass& pass;
+};
+
+// How a part is cut into tiles, or into regions whose pixels share paths. Regions lie as they do in
+// the whole picture, so that a part of it has the same groups: the first may begin before the film.
+struct Tiling {
+  bool regions;
+  u32 edge, x0, y0;  // pixels that lie before the film
+  u32 across, down;
+
+  Tiling(const SceneView& scene, const Part& part, u32 tile)
+      : regions(part.view.reuse_paths && !scene.has_holes), edge(regions ? kRegion : tile) {
+    const Film& film = part.film;
+    x0 = regions ? film.x % kRegion : 0, y0 = regions ? film.y % kRegion : 0;
+    across = (x0 + film.width + edge - 1) / edge;
+    down = (y0 + film.height + edge - 1) / edge;
+  }
+  i64 count() const { return static_cast<i64>(across) * down; }
 };
 
 // Renders a tile of the film, row by row. Returns how many samples.
 u64 render_tile(const Job& job, u32 x0, u32 y0, u32 edge, bool ticks, PathStats& stats) {
-  Film& film = job.film;
+  Film& film = job.part.film;
   const u32 x1 = std::min(x0 + edge, film.width), y1 = std::min(y0 + edge, film.height);
   u64 done = 0;
   for (u32 y = y0; y < y1; ++y) {
     for (u32 x = x0; x < x1;) {
-      const Run run = run_at(film, job.targets, x, x1, y);
+      const Run run = run_at(film, job.part.targets, x, x1, y);
       x = run.x1;
       const u32 width = run.x1 - run.x0, stride = std::max(1u, kSamplesPerStep / width);
       const size_t place = static_cast<size_t>(y) * film.width + run.x0;
@@ -225,8 +240,8 @@ u64 render_tile(const Job& job, u32 x0, u32 y0, u32 edge, bool ticks, PathStats&
         if (job.pass.stop.load(std::memory_order_relaxed)) break;
         u32 to = from + std::min(stride, run.target - from);
         if (!film.prefixes.empty()) to = std::min(to, std::bit_ceil(from + 1));
-        job.kernels.render_row(job.scene, job.view, film.y + y, film.x + run.x0, film.x + run.x1,
-                               from, to, &film.pixels[place], features, stats);
+        job.kernels.render_row(job.scene, job.part.view, film.y + y, film.x + run.x0,
+                               film.x + run.x1, from, to, &film.pixels[place], features, stats);
         keep_prefixes(film, run, y);
         done += u64{width} * (to - from);
         from = to;
@@ -240,7 +255,7 @@ u64 render_tile(const Job& job, u32 x0, u32 y0, u32 edge, bool ticks, PathStats&
 // Renders a region of the picture whose pixels share paths, as far as it lies in the film: x0, y0
 // are its top left pixel in the picture. Returns how many samples the film got.
 u64 render_region(const Job& job, u32 x0, u32 y0, bool ticks, PathStats& stats) {
-  Film& film = job.film;
+  Film& film = job.part.film;
   u32 target[kRegionPixels];
   Region region = {x0,
                    y0,
@@ -258,7 +273,7 @@ u64 render_region(const Job& job, u32 x0, u32 y0, bool ticks, PathStats& stats) 
       for (u32 x = left; x < right; ++x) f(x - film.x, y - film.y, (y - y0) * kRegion + (x - x0));
     }
   };
-  for_each_pixel([&](u32 x, u32 y, u32 at) { target[at] = job.targets.of(film, x, y); });
+  for_each_pixel([&](u32 x, u32 y, u32 at) { target[at] = job.part.targets.of(film, x, y); });
   u64 done = 0;
   while (!job.pass.stop.load(std::memory_order_relaxed)) {
     // Pixels that are behind others go first, so that groups are whole.
@@ -276,7 +291,7 @@ u64 render_region(const Job& job, u32 x0, u32 y0, bool ticks, PathStats& stats) 
       region.to[at] = std::max(count, std::min(to, target[at]));
       done += region.to[at] - count;
     });
-    job.kernels.render_region(job.scene, job.view, region, stats);
+    job.kernels.render_region(job.scene, job.part.view, region, stats);
     for_each_pixel([&](u32 x, u32 y, u32 at) {
       if (region.from[at] < region.to[at] && !film.prefixes.empty())
         keep_prefix(film.prefix(x, y), film.pixel(x, y));
@@ -288,24 +303,22 @@ u64 render_region(const Job& job, u32 x0, u32 y0, bool ticks, PathStats& stats) 
 
 }  // namespace
 
-PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderView& view,
-                       Film& film, const Targets& targets, const RenderOptions& options,
-                       const Tick& tick) {
-  // Regions lie as they do in the whole picture, so that a part of it has the same groups.
-  const bool regions = view.reuse_paths && !scene.view().has_holes;
-  const u32 edge = regions ? kRegion : options.tile;
-  const u32 x0 = regions ? film.x % kRegion : 0, y0 = regions ? film.y % kRegion : 0;
-  const u32 across = (x0 + film.width + edge - 1) / edge,
-            down = (y0 + film.height + edge - 1) / edge;
-  const i64 tiles = static_cast<i64>(across) * down;
+PassResult render_pass(const Kernels& kernels, const Scene& scene, std::span<const Part> parts,
+                       const RenderOptions& options, const Tick& tick) {
   const SceneView scene_view = scene.view();
+  std::vector<Tiling> tilings;
+  std::vector<i64> ends;  // of each part's tiles, among those of all
+  for (const Part& part : parts) {
+    tilings.emplace_back(scene_view, part, options.tile);
+    ends.push_back((ends.empty() ? 0 : ends.back()) + tilings.back().count());
+  }
+  const i64 tiles = ends.empty() ? 0 : ends.back();
   switch (options.schedule) {
     case Schedule::dynamic_: omp_set_schedule(omp_sched_dynamic, 1); break;
     case Schedule::static_: omp_set_schedule(omp_sched_static, 0); break;
     case Schedule::guided: omp_set_schedule(omp_sched_guided, 1); break;
   }
   Pass pass(tick);
-  const Job job = {kernels, scene_view, view, film, targets, pass};
 #pragma omp parallel num_threads(options.threads)
   {
     const bool first_thread = omp_get_thread_num() == 0;
@@ -313,12 +326,18 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderV
     pass.at_work = omp_get_num_threads();  // may be fewer than were asked for
 #pragma omp for schedule(runtime) nowait
     for (i64 tile = 0; tile < tiles; ++tile) {
-      const u32 x = static_cast<u32>(tile % across) * edge;
-      const u32 y = static_cast<u32>(tile / across) * edge;
+      const auto end = std::upper_bound(ends.begin(), ends.end(), tile);
+      const size_t at = static_cast<size_t>(end - ends.begin());
+      const Job job = {kernels, scene_view, parts[at], pass};
+      const Tiling& tiling = tilings[at];
+      const i64 within = tile - (*end - tiling.count());
+      const u32 x = static_cast<u32>(within % tiling.across) * tiling.edge;
+      const u32 y = static_cast<u32>(within / tiling.across) * tiling.edge;
       PathStats stats = {0};
-      const u64 done =
-          regions ? render_region(job, film.x - x0 + x, film.y - y0 + y, first_thread, stats)
-                  : render_tile(job, x, y, edge, first_thread, stats);
+      const u64 done = tiling.regions
+                           ? render_region(job, job.part.film.x - tiling.x0 + x,
+                                           job.part.film.y - tiling.y0 + y, first_thread, stats)
+                           : render_tile(job, x, y, tiling.edge, first_thread, stats);
       pass.samples.fetch_add(done, std::memory_order_relaxed);
       pass.rays.fetch_add(stats.rays, std::memory_order_relaxed);
     }

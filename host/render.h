@@ -91,11 +91,25 @@ struct Targets {
 // Called now and then by the calling thread with what the pass has done so far; true stops it.
 using Tick = std::function<bool(u64 samples, u64 rays)>;
 
-// Brings every pixel up to the number of samples that its target says. Those that it has stay: a
-// pass that was stopped goes on if it is asked for again.
-PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderView& view,
-                       Film& film, const Targets& targets, const RenderOptions& options,
-                       const Tick& tick);
+// A film, what it shows, and how many samples it is to have.
+struct Part {
+  const RenderView& view;
+  Film& film;
+  const Targets& targets;
+};
+
+// Brings every pixel of some films up to the number of samples that its target says. Those that it
+// has stay: a pass that was stopped goes on if it is asked for again. The threads share the tiles
+// of all.
+PassResult render_pass(const Kernels& kernels, const Scene& scene, std::span<const Part> parts,
+                       const RenderOptions& options, const Tick& tick);
+
+inline PassResult render_pass(const Kernels& kernels, const Scene& scene, const RenderView& view,
+                              Film& film, const Targets& targets, const RenderOptions& options,
+                              const Tick& tick) {
+  const Part whole = {view, film, targets};
+  return render_pass(kernels, scene, {&whole, 1}, options, tick);
+}
 
 // Lets go of OpenMP's threads, which do not survive a fork.
 void release_threads();

@@ -22,7 +22,8 @@ class Scene:
         self, origin: Sequence[float], seed: int, n: int
     ) -> tuple[Floats, Floats, Floats, Floats]: ...
 
-class View: ...
+class View:
+    def but(self, seed: int, reuse_paths: bool) -> View: ...
 
 class Film:
     x: int
@@ -68,6 +69,17 @@ block: int
 region: int
 
 def make_view(scene: Scene, **settings: Any) -> View: ...
+def render_films(
+    scene: Scene,
+    films: Sequence[tuple[Film, View]],
+    samples: int,
+    *,
+    threads: int,
+    tile: int,
+    schedule: str,
+    isa: str,
+    tick: Callable[[int, int], bool] | None,
+) -> tuple[int, int, bool]: ...
 def one_sample(
     scene: Scene, view: View, x: int, y: int, sample: int, isa: str = ""
 ) -> list[float]: ...

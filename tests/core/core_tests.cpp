@@ -222,6 +222,17 @@ void pictures_do_not_depend_on_how_they_are_made(bool reuse_paths) {
     render_pass(kernels(), scene, view, reference, all_to(reference, 8),
                 {2, 16, Schedule::dynamic_}, kNever);
     CHECK(!same(reference, film));
+    // Films of two kinds, and of other sizes, in one pass.
+    Film part(10, 5, 9, 8), rest(0, 0, 40, 24);
+    const Targets few = all_to(part, 4), all = all_to(rest, 8);
+    const Part parts[] = {{view, part, few}, {other, rest, all}};
+    const PassResult both =
+        render_pass(kernels(), scene, parts, {3, 7, Schedule::dynamic_}, kNever);
+    CHECK(both.complete && both.samples == 9 * 8 * 4 + 40 * 24 * 8);
+    CHECK(same(part, crop));
+    Film alone(0, 0, 40, 24);
+    render_pass(kernels(), scene, other, alone, all, {2, 16, Schedule::dynamic_}, kNever);
+    CHECK(same(rest, alone));
   }
 }
 
