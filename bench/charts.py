@@ -26,7 +26,7 @@ import numpy as np
 from parhelion.atomic import replacing
 from parhelion.errors import ResourceError
 
-from .measure import OURS, PEERS, REUSED
+from .measure import ALONE, OURS, PEERS
 from .scenes import GALLERY
 
 if TYPE_CHECKING:
@@ -44,10 +44,10 @@ STYLE = {
 }
 
 # Each program has one colour wherever it is drawn.
-COLORS = {name: f"C{i}" for i, name in enumerate((OURS, *PEERS, "embreex", REUSED))}
+COLORS = {name: f"C{i}" for i, name in enumerate((OURS, *PEERS, "embreex", ALONE))}
 LABELS = {OURS: "Parhelion", "mitsuba-llvm": "Mitsuba, LLVM", "mitsuba-scalar": "Mitsuba, scalar"}
 LABELS |= {"cycles": "Cycles", "luxcore": "LuxCore", "embreex": "Embree"}
-LABELS[REUSED] = "Parhelion, shared paths"
+LABELS[ALONE] = "Parhelion, own paths"
 
 Rows = list[dict[str, Any]]
 
@@ -80,7 +80,7 @@ def error(rows: Rows) -> Figure | None:
     figure, axes = grid(len(scenes), 4, 2.3)
     drawn: dict[str, Any] = {}
     for axis, scene in zip(axes, scenes, strict=True):
-        for name in (OURS, REUSED, *PEERS):
+        for name in (OURS, ALONE, *PEERS):
             points = sorted(
                 (times[key]["median"], row["median"])
                 for key, row in errors.items()

@@ -20,7 +20,7 @@ from .process import Worker
 from .scenes import BenchError
 from .summary import Row, markdown, ratios
 
-# The error to reach is that of ours at this many samples a pixel.
+# The error to reach is that of ours at this many samples a pixel, each pixel by itself.
 SPP = 32
 
 # Seeds of references, far from those of the pictures that are compared with them.
@@ -83,7 +83,7 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
     from parhelion.flatten import flatten
 
     from .gallery import load
-    from .measure import OURS, PEERS, REUSED
+    from .measure import ALONE, OURS, PEERS
 
     pixels = plan.width * plan.height
     scene = load(name, pixels)
@@ -95,8 +95,8 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
     with ExitStack() as stack:
         workers: dict[str, Worker] = {}
         references: dict[str, Any] = {}
-        ways = {OURS: (OURS, {}), REUSED: (OURS, {"reuse_paths": True}), **PEERS}
-        for peer in (OURS, REUSED, *plan.peers):
+        ways = {OURS: (OURS, {}), ALONE: (OURS, {"reuse_paths": False}), **PEERS}
+        for peer in (OURS, ALONE, *plan.peers):
             module, more = ways[peer]
             try:
                 worker = Worker(module, job | more)
@@ -104,7 +104,7 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
                 worker.render(1)
                 references[peer] = _reference(plan, worker, module, repr((seen, job)), folder)
             except BenchError as problem:
-                if peer == OURS:
+                if peer not in PEERS:
                     raise
                 notes.add(f"equal, {name}: {peer} was not measured: {problem}")
                 continue
@@ -117,7 +117,7 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
             errors = relative_mse(np.load(path), references[peer])
             return Run(spp, *errors, answer["seconds"], answer["cpu_seconds"])
 
-        first = [measured(OURS, SPP, seed) for seed in (101, 102, 103)]
+        first = [measured(ALONE, SPP, seed) for seed in (101, 102, 103)]
         targets = {e: fmean(getattr(run, e) for run in first) for e in ("error", "trimmed")}
         counts = {}
         for peer in workers:

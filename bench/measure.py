@@ -29,8 +29,8 @@ from .threads import EFFICIENCY, threads
 from .trajectories import trajectories
 
 OURS = "parhelion"
-# and with what pays in rooms and halls; of the group `equal`
-REUSED = f"{OURS}, reuse_paths"
+# and without what is found to pay in rooms and halls; of the group `equal`
+ALONE = f"{OURS}, no reuse_paths"
 
 # name -> (module in renderers/, more for its job)
 PEERS: dict[str, tuple[str, dict[str, Any]]] = {
