@@ -146,7 +146,7 @@ CASES: list[tuple[str, Callable[[Any], object], str, tuple[str, ...]]] = [
         ("filter", "unknown filter", ("None",)),
         ("filter_radius", "filter_radius is .*; must be a number", ("None", "3")),
         ("roulette", "roulette is .*; must be True or False", ("None",)),
-        ("reuse_paths", "reuse_paths is .*; must be True or False", ("None",)),
+        ("reuse_paths", "reuse_paths is .*; must be True, False or \"auto\"", ("None",)),
         ("crop", "crop (must be four numbers|is 'x')", ("None",)),
         ("integrator", "unknown integrator", ("None",)),
         ("ao_distance", "ao_distance is .*; must be a number", ("None", "3")),

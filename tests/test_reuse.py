@@ -10,7 +10,7 @@ import pytest
 
 import parhelion as ph
 from floor_tools import box
-from parhelion import _core
+from parhelion import _core, sharing
 from statistics_tools import SIGNIFICANCE, mean_p
 
 SIZE = {"width": 37, "height": 27}
@@ -261,6 +261,85 @@ def test_without_effect_where_there_are_holes_and_on_light_that_was_scattered_on
         np.testing.assert_array_equal(picture(**settings), picture(reuse_paths=False, **settings))
 
 
+LARGE = {"width": 192, "height": 160, "spp": 1, "seed": 5}
+
+
+def plain() -> ph.Prepared:
+    """A matte ball under a white sky, whose light comes straight to all that is seen."""
+    return ph.prepare(ph.Scene([ph.Spheres([[0, 0, 0]], 1, WHITE)]))
+
+
+@pytest.mark.parametrize(("scene", "shared"), [(room(True), True), (plain(), False)])
+def test_what_pays_is_found_out(scene: ph.Prepared, shared: bool) -> None:
+    found = ph.render(scene, **LARGE)
+    assert found.settings.reuse_paths is shared
+    asked = ph.render(scene, reuse_paths=shared, **LARGE)
+    np.testing.assert_array_equal(found.numpy(), asked.numpy())
+
+
+def test_what_is_found_out_is_so_for_every_part_and_way_to_render(tmp_path: Any) -> None:
+    """Threads, seeds, crops, shards and samples later on make parts of one picture."""
+    whole = ph.render(room(True), **LARGE).numpy()
+    for settings in ({"threads": 1}, {"isa": "baseline"}, {"tree": "none"}):
+        np.testing.assert_array_equal(ph.render(room(True), **LARGE, **settings).numpy(), whole)
+    part = ph.render(room(True), crop=(40, 50, 9, 7), **LARGE)
+    np.testing.assert_array_equal(part.numpy(), whole[50:57, 40:49])
+    parts = [tmp_path / f"{k}.part" for k in (1, 2)]
+    for k, file in enumerate(parts):
+        ph.render(room(True), shard=(k + 1, 2), checkpoint=file, **LARGE)
+    np.testing.assert_array_equal(ph.merge(parts).numpy(), whole)
+    more = {**LARGE, "spp": 3}
+    file = tmp_path / "a.checkpoint"
+    ph.render(room(True), checkpoint=file, **LARGE)
+    later = ph.render(room(True), checkpoint=file, resume=True, **more)
+    np.testing.assert_array_equal(later.numpy(), ph.render(room(True), **more).numpy())
+    for seed in range(5):
+        assert ph.render(room(True), **{**LARGE, "seed": seed}).settings.reuse_paths is True
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"width": 128, "height": 127},
+        {"integrator": "direct"},
+        {"integrator": "ao"},
+        {"max_depth": 2},
+    ],
+)
+def test_what_is_not_looked_at(settings: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*_: Any) -> Any:
+        raise AssertionError
+
+    monkeypatch.setattr(sharing, "noise", never)
+    image = ph.render(room(True), **{**LARGE, **settings})
+    assert image.settings.reuse_paths is False
+
+
+def test_squares_lie_all_over_the_picture() -> None:
+    for across, down in ((8, 8), (64, 1), (1, 64), (40, 22), (256, 135)):
+        found = np.array(sharing.squares(across, down))
+        assert (
+            len(np.unique(found, axis=0)) == len(found) == min(24, int((across * down) ** 0.5 / 3))
+        )
+        assert (found >= 0).all()
+        assert (found < (across, down)).all()
+        if len(found) >= 8 and min(across, down) > 1:  # every quarter of the picture has its share
+            quarters = np.unique(found * 2 // (across, down), axis=0, return_counts=True)[1]
+            assert len(quarters) == 4
+            assert quarters.min() >= len(found) // 8
+
+
+def test_noise_is_told_relative_to_brightness_and_without_the_worst_pixels() -> None:
+    rng = np.random.default_rng(1)
+    bright = rng.uniform(0.1, 10, (3, 256, 1))
+    spread = np.array([0.1, 0.3])[:, None, None, None, None]
+    pictures = bright * (1 + spread * rng.normal(size=(2, 2, 3, 256, 3)))
+    pictures[1, 0, 1, 17] = 1e6
+    alone, noisier = sharing.noise(pictures)
+    assert 7 < noisier / alone < 10
+    assert not sharing.noise(np.zeros((2, 2, 3, 256, 3))).any()
+
+
 def test_mistakes_are_told() -> None:
-    with pytest.raises(ph.SceneError, match="reuse_paths is 3; must be True or False"):
+    with pytest.raises(ph.SceneError, match='reuse_paths is 3; must be True, False or "auto"'):
         picture(reuse_paths=3)

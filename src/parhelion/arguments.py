@@ -8,7 +8,7 @@ from __future__ import annotations
 import operator
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from .errors import SceneError, option
 from .scene import Vec3
@@ -57,6 +57,15 @@ def flag(name: str, value: Any) -> bool:
     """True or False, Python's or NumPy's."""
     if not _is_flag(value):
         raise _wrong(name, value, "True or False")
+    return bool(value)
+
+
+def automatic(name: str, value: Any) -> bool | Literal["auto"]:
+    """A flag, or "auto" for what is found out."""
+    if isinstance(value, str) and value == "auto":
+        return "auto"
+    if not _is_flag(value):
+        raise _wrong(name, value, 'True, False or "auto"')
     return bool(value)
 
 

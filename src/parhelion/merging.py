@@ -159,7 +159,7 @@ def _told(file: Path) -> _Part:
         done = np.frombuffer(archive.read("done"), np.uint32)
         if done.size != 2 * shards.block_count(width, height):
             raise ValueError
-        blocks = shards.blocks_of(shard, width, height, settings.reuse_paths)
+        blocks = shards.blocks_of(shard, width, height, settings.reuse_paths is True)
         cells = blocks.repeat(2, axis=0)
         return _Part(
             file=file,
@@ -259,7 +259,7 @@ def _film(parts: list[_Part], features: bool) -> Any:
     width, height = parts[0].settings.size
     film = _core.Film(x, y, width, height, features, True)
     for part in parts:
-        blocks = shards.blocks_of(part.shard, width, height, part.settings.reuse_paths)
+        blocks = shards.blocks_of(part.shard, width, height, part.settings.reuse_paths is True)
         own = checkpoint.own_pixels(film, blocks)
         with checkpoint.reading(part.file) as archive:
             for name, values in checkpoint.of_film(film).items():

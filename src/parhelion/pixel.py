@@ -93,8 +93,9 @@ class PixelPath:
     """The path of one sample of one pixel; trace_pixel() makes it.
 
     origin, direction: of the camera's ray. end: why it ends. background: what the surroundings add
-    where it leaves the scene. radiance: of the sample, exactly what the picture gets; `emitted` and
-    `light.added` of all vertices and `background` add up to it.
+    where it leaves the scene. radiance: of the sample, exactly what the picture gets where pixels
+    do not share paths (Settings.reuse_paths); `emitted` and `light.added` of all vertices and
+    `background` add up to it.
     """
 
     x: int
@@ -128,7 +129,8 @@ def trace_pixel(
     """Follows one sample of a pixel and tells what happens on the way.
 
     x, y: of the pixel, from the top left of the whole picture. sample: its number, from 0. All
-    else as for render(); the path is that of the sample in a picture of the same settings.
+    else as for render(); the path is that of the sample in a picture of the same settings. Where
+    pixels share paths, it is the pixel's own.
 
     Raises SceneError for a pixel outside of the picture and for what render() raises it.
     """

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import arguments, cryptomatte, machine, memory, shards, tables
+from . import arguments, cryptomatte, machine, memory, shards, sharing, tables
 from . import checkpoint as checkpoints
 from .atomic import clear
 from .errors import ResourceError, SceneError, option, unknown_name
@@ -193,7 +193,7 @@ def render(
         raise SceneError(f"{option('resume')} needs {option('checkpoint')}")
     if checkpoint is not None:
         check_place(arguments.path("checkpoint", checkpoint))
-    shard, blocks = _shard(shard, wanted, checkpoint, counts)
+    shard = _shard(shard, wanted, checkpoint, counts)
     view = make_view(prepared.core, view_camera, wanted, tree=tree == "bvh")
     x, y, width, height = wanted.crop or (0, 0, wanted.width, wanted.height)
     wanted_counts = None if counts is None else _counts(counts, height, width, checkpoint)
@@ -202,6 +202,13 @@ def render(
     with memory.limited(limit):
         _check_memory(width, height, pixel_bytes, work.threads)
     memory.note_threads(work.threads)
+    looking = time.perf_counter()
+    if wanted.reuse_paths == "auto":
+        wanted = replace(wanted, reuse_paths=sharing.pays(prepared.core, view, wanted, work))
+        view = view.but(wanted.seed, wanted.reuse_paths)
+    looking = time.perf_counter() - looking
+    shared = wanted.reuse_paths is True
+    blocks = None if shard is None else shards.blocks_of(shard, *wanted.size, shared)
     deadline = None if seconds is None else start + seconds
     if wanted_counts is None:
         goal = Goal(wanted.spp, wanted.noise, deadline, blocks=blocks)
@@ -225,6 +232,7 @@ def render(
                     )
                 )
             rendering = Rendering(film, goal, sampler)
+            rendering.spent.seconds += looking
             report = stack.enter_context(bar()) if progress is True else progress or None
             if checkpoint is None:
                 ended = rendering.run(report)
@@ -332,7 +340,7 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
         backdrop=None if s.backdrop is None else arguments.color("backdrop", s.backdrop),
         noise=arguments.length("noise", s.noise),
         clamp_indirect=arguments.length("clamp_indirect", s.clamp_indirect),
-        reuse_paths=arguments.flag("reuse_paths", s.reuse_paths),
+        reuse_paths=arguments.automatic("reuse_paths", s.reuse_paths),
     )
     if s.integrator not in INTEGRATORS:
         raise SceneError(unknown_name("integrator", s.integrator, INTEGRATORS))
@@ -355,7 +363,9 @@ def merged(base: Settings, changes: dict[str, Any]) -> Settings:
 
 
 def make_view(core: Any, camera: Camera, settings: Settings, tree: bool = True) -> Any:
-    """The core's view of a camera and of settings as merged() returns them, checked."""
+    """The core's view of a camera and of settings as merged() returns them, checked. Where nobody
+    has found out whether paths are to be shared, they are not.
+    """
     from . import _core
 
     camera = plain_camera(camera)
@@ -394,7 +404,7 @@ def make_view(core: Any, camera: Camera, settings: Settings, tree: bool = True) 
         ao_distance=settings.ao_distance or 0.0,
         backdrop=settings.backdrop,
         clamp_indirect=settings.clamp_indirect or 0.0,
-        reuse_paths=settings.reuse_paths,
+        reuse_paths=settings.reuse_paths is True,
     )
 
 
@@ -509,12 +519,10 @@ def _checkpointed(
     return ended
 
 
-def _shard(
-    shard: Any, wanted: Settings, checkpoint: Any, counts: Any
-) -> tuple[tuple[int, int] | None, NDArray[np.bool_] | None]:
-    """A shard, checked, and its blocks. Raises SceneError for what cannot be a shard's."""
+def _shard(shard: Any, wanted: Settings, checkpoint: Any, counts: Any) -> tuple[int, int] | None:
+    """A shard, checked. Raises SceneError for what cannot be a shard's."""
     if shard is None:
-        return None, None
+        return None
     if counts is not None:
         raise SceneError("counts: a shard has as many samples in all its pixels")
     if checkpoint is None:
@@ -524,8 +532,7 @@ def _shard(
             f"{option('noise')}: a shard does not know the noise of the others; give"
             f" {option('spp')}"
         )
-    found = shards.checked_shard(shard)
-    return found, shards.blocks_of(found, *wanted.size, wanted.reuse_paths)
+    return shards.checked_shard(shard)
 
 
 def _told_shard(prepared: Prepared, features: bool, work: Work) -> dict[str, Any]:

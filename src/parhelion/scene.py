@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:  # NumPy takes longer to import than all of this package
     from numpy.typing import ArrayLike
@@ -339,7 +339,9 @@ class Settings:
     the light that paths of others close by have found, on the second surface if it is matte, under
     gloss or not, and from there on (Bekaert, Sbert and Halton, "Accelerating Path Tracing by
     Re-Using Paths", 2002): much less noise where light has been around, for more time a sample; the
-    mean is the same. Without effect in scenes with holes: opacity below 1, thin clear surfaces.
+    mean is the same. "auto" looks at parts of the picture for whether that pays; pictures of less
+    than 128x128 pixels are not looked at, and share none. Without effect in scenes with holes:
+    opacity below 1, thin clear surfaces.
     """
 
     width: int = 640
@@ -357,7 +359,7 @@ class Settings:
     backdrop: Vec3 | None = None
     noise: float | None = None
     clamp_indirect: float | None = None
-    reuse_paths: bool = False
+    reuse_paths: bool | Literal["auto"] = "auto"
 
     @property
     def size(self) -> tuple[int, int]:

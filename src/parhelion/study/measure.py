@@ -131,6 +131,7 @@ def measure(
             sampler=plan.sampler,
             filter="box",  # as the classic program: uniform offsets in the pixel
             roulette=False,  # likewise: a path ends by itself or at max_depth
+            reuse_paths=False,  # likewise: no pixel knows of another
             threads=threads,
             tree=tree,
             schedule=schedule,

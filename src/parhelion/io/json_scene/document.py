@@ -522,8 +522,11 @@ class Settings(Struct, forbid_unknown_fields=True):
         _doc("the most that light brings to a sample after more than one scattering; darkens"),
     ] = model.Settings.clamp_indirect
     reuse_paths: Annotated[
-        bool,
-        _doc("pixels use the light that paths of others close by have found on matte surfaces"),
+        bool | Literal["auto"],
+        _doc(
+            "pixels use the light that paths of others close by have found on matte surfaces; "
+            "auto: where that pays"
+        ),
     ] = model.Settings.reuse_paths
 
 

@@ -1,0 +1,102 @@
+"""Whether it pays that pixels of a picture use each other's paths (Settings.reuse_paths)."""
+
+from __future__ import annotations
+
+import logging
+from math import isqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .progressive import Work
+    from .scene import Settings
+
+log = logging.getLogger("parhelion")
+
+# Squares of a picture below which looking at some would cost more than it may save
+_FEWEST = 64
+# Squares that are looked at, at most, and samples of each of their pixels
+_MOST, _SAMPLES = 24, 4
+# Of two pictures whose difference tells the noise; whatever seed the picture itself has, so that
+# pictures of other seeds are of one kind
+_SEEDS = (0x5EED1, 0x5EED2)
+# As a share of the mean, the brightness below which pixels count as that bright
+_DARK = 0.02
+# Multiples of one over the plastic number, and of its square, lie evenly in the unit square
+_PLASTIC = 1.32471795724474602596
+
+
+def pays(core: Any, view: Any, settings: Settings, work: Work) -> bool:
+    """Whether a picture has less noise for as many rays where its pixels share their paths.
+
+    Some squares of the whole picture, whatever its crop is, are rendered both ways with few
+    samples. The answer depends on the scene, its camera and the settings alone, of which seed and
+    number of samples do not matter. view: the core's, of settings.
+    """
+    from . import _core
+
+    across, down = settings.width // _core.region, settings.height // _core.region
+    if across * down < _FEWEST or settings.integrator != "path" or settings.max_depth < 3:
+        return False
+    if core.stats()["holes"]:
+        return False
+    places = squares(across, down)
+    pictures, rays = [], []
+    for shared in (False, True):
+        views = [view.but(seed, shared) for seed in _SEEDS]
+        films = [(_square(*place), view) for view in views for place in places]
+        _, traced, _ = _core.render_films(
+            core,
+            films,
+            _SAMPLES,
+            threads=work.threads,
+            tile=_core.region,
+            schedule=work.schedule,
+            isa=work.isa,
+            tick=None,
+        )
+        pictures.append([film.arrays()[0] for film, _ in films])
+        rays.append(traced)
+    shape = (2, len(_SEEDS), len(places), _core.region**2, 3)
+    alone, shared = noise(np.array(pictures, np.float64).reshape(shape))
+    log.debug("shared paths: noise %.4g instead of %.4g, rays %d of %d", shared, alone, *rays[::-1])
+    # time is less than in proportion to rays, so that what is gained is worth a little, too
+    return bool(shared * rays[1] < alone * rays[0])
+
+
+def squares(across: int, down: int) -> list[tuple[int, int]]:
+    """Which of so many squares are looked at: (column, row), spread all over the picture."""
+    count = min(isqrt(across * down) // 3, _MOST)
+    found: dict[tuple[int, int], None] = {}
+    i = 0
+    while len(found) < count:
+        u, v = (0.5 + i / _PLASTIC) % 1.0, (0.5 + i / _PLASTIC**2) % 1.0
+        found[int(u * across), int(v * down)] = None
+        i += 1
+    return list(found)
+
+
+def noise(pictures: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How noisy each of some ways to render is: (ways,), squared differences of two pictures
+    relative to the brightness.
+
+    pictures: (ways, 2, squares, pixels, 3), with two seeds. The worst pixel of each square is left
+    out: single bright ones tell nothing about the others.
+    """
+    bright = pictures.mean(axis=(0, 1, 4))
+    scale = bright**2 + (_DARK * bright.mean()) ** 2
+    differences = ((pictures[:, 0] - pictures[:, 1]) ** 2).sum(axis=-1)
+    errors = np.divide(differences, scale, np.zeros_like(differences), where=scale > 0)
+    errors.sort(axis=-1)
+    of_ways: NDArray[np.float64] = errors[..., :-1].sum(axis=(1, 2))
+    return of_ways
+
+
+def _square(column: int, row: int) -> Any:
+    from . import _core
+
+    edge: int = _core.region
+    return _core.Film(edge * column, edge * row, edge, edge)
