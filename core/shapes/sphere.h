@@ -31,22 +31,17 @@ PH_INLINE Sphere primitive(const SphereBlock& block, u32 lane) {
   return {{block.x[lane], block.y[lane], block.z[lane]}, block.radius[lane]};
 }
 
-// How a line passes a sphere: b, the discriminant and -c.
+// How a line passes a sphere: b, the discriminant and -c. f: from the ray's origin to the centre;
+// d: its direction; r: the radius. Of one ray and sixteen spheres, or of one and one.
 template <class Number>
-struct Passing {
-  Number along, under, depth;
-};
-
-// f: from the ray's origin to the centre; d: its direction; r: the radius. Of one ray and sixteen
-// spheres, or of one and one.
-template <class Number>
-PH_INLINE Passing<Number> pass(const Number& fx, const Number& fy, const Number& fz,
-                               const Number& dx, const Number& dy, const Number& dz,
-                               const Number& r) {
+PH_INLINE void pass(Number fx, Number fy, Number fz, Number dx, Number dy, Number dz, Number r,
+                    Number& along, Number& under, Number& depth) {
   const Number b = fx * dx + fy * dy + fz * dz;
   const Number px = fx - b * dx, py = fy - b * dy, pz = fz - b * dz;
   const Number r2 = r * r;
-  return {b, r2 - (px * px + py * py + pz * pz), r2 - (fx * fx + fy * fy + fz * fz)};
+  along = b;
+  under = r2 - (px * px + py * py + pz * pz);
+  depth = r2 - (fx * fx + fy * fy + fz * fz);
 }
 
 // The nearest root above 0, if the discriminant and any root are.
@@ -66,18 +61,19 @@ PH_INLINE u32 intersect(const SphereBlock& block, const Ray& ray, float limit, u
   const Lanes fx = load(block.x) - all(ray.origin.x);
   const Lanes fy = load(block.y) - all(ray.origin.y);
   const Lanes fz = load(block.z) - all(ray.origin.z);
-  const Passing<Lanes> p = pass(fx, fy, fz, all(ray.direction.x), all(ray.direction.y),
-                                all(ray.direction.z), load(block.radius));
+  Lanes b, discriminant, inside;
+  pass(fx, fy, fz, all(ray.direction.x), all(ray.direction.y), all(ray.direction.z),
+       load(block.radius), b, discriminant, inside);
   // Of what the line meets a root is above 0 only ahead of the origin, or around it.
-  u32 touched = bits(all(0.0f) <= p.under) & bits(all(0.0f) < max(p.along, p.depth));
+  u32 touched = bits(all(0.0f) <= discriminant) & bits(all(0.0f) < max(b, inside));
   // What leaves a sphere for the outside meets it no more. kNone falls on bit 31, which is no lane.
   if (!ray.inward) touched &= ~(1u << self_lane % 32);
   if (touched == 0) return 0;
   // Few of sixteen are: their roots one by one are faster than sixteen at once.
   alignas(64) float along[16], under[16], depth[16];
-  store(along, p.along);
-  store(under, p.under);
-  store(depth, p.depth);
+  store(along, b);
+  store(under, discriminant);
+  store(depth, inside);
   u32 hit = 0;
   do {
     const u32 lane = lowest_bit(touched);
@@ -112,9 +108,10 @@ PH_INLINE u32 intersect_bundle(const SphereBlock& block, const Bundle& rays, flo
 // The distance at which a ray that does not start on a sphere meets it; 0 if it does not.
 PH_INLINE float intersect_one(const Sphere& s, Vec3 origin, Vec3 direction) {
   const Vec3 f = s.center - origin;
-  const Passing<float> p = pass(f.x, f.y, f.z, direction.x, direction.y, direction.z, s.radius);
-  const bool touched = (0.0f <= p.under) & (0.0f < max(p.along, p.depth));
-  const float t = first_root(p.along, p.under, p.depth);
+  float along, under, depth;
+  pass(f.x, f.y, f.z, direction.x, direction.y, direction.z, s.radius, along, under, depth);
+  const bool touched = (0.0f <= under) & (0.0f < max(along, depth));
+  const float t = first_root(along, under, depth);
   return touched ? t : 0.0f;
 }
 
