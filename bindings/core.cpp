@@ -410,7 +410,6 @@ nb::dict scene_stats(const Scene& scene) {
   d["bytes"] = scene.memory();
   d["peak_bytes"] = scene.peak_memory();
   d["scale"] = scene.scale();
-  d["holes"] = scene.view().has_holes;
   return d;
 }
 

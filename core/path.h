@@ -126,33 +126,58 @@ PH_INLINE void pull_to_mirror(const SceneView& scene, u32 depth, Material& m) {
 
 // --- Light ------------------------------------------------------------------------------------
 
-// Share of the light that gets through to `distance`, past holes and clear surfaces; 0 or 1 where
-// there are none.
-PH_INLINE Vec3 transmittance(const SceneView& scene, Ray ray, float distance, Slot light, bool tree,
-                             PathStats& stats) {
-  ++stats.rays;
-  Vec3 through = {1, 1, 1};
-  if (!scene.has_holes) {
-    return occluded(scene, ray, distance, light, tree) ? Vec3{0, 0, 0} : through;
-  }
+// Whether a ray gets to `distance`, or to `target` before it, past what may have holes: of each
+// such surface `passes` is told, with its opacity, and says whether the ray goes on.
+template <class F>
+PH_INLINE bool gets_past(const SceneView& scene, Ray ray, float distance, Slot target, bool tree,
+                         PathStats& stats, F&& passes) {
   float left = distance;
   for (u32 i = 0; i < kMaxHoles; ++i) {
+    ++stats.rays;
     Hit hit;
-    if (!intersect(scene, ray, left, tree, hit)) return through;
-    if (hit.slot.leaf == light.leaf && hit.slot.lane == light.lane &&
-        hit.slot.instance == light.instance) {
-      return through;
+    if (!intersect(scene, ray, left, tree, hit)) return true;
+    if (hit.slot.leaf == target.leaf && hit.slot.lane == target.lane &&
+        hit.slot.instance == target.instance) {
+      return true;
     }
     const Surface s = surface_at(scene, ray, hit);
-    const float solid = clamp(opacity(scene, *s.material, s, 0.0f), 0.0f, 1.0f);
-    const Vec3 color = s.material->clear ? tint(scene, *s.material, s, 0.0f) : Vec3{0, 0, 0};
-    through *= Vec3{1, 1, 1} * (1.0f - solid) + color * solid;
-    if (black(through)) return through;
+    if (!passes(s, clamp(opacity(scene, *s.material, s, 0.0f), 0.0f, 1.0f))) return false;
     left -= hit.t;
     ray = ray_from(s, ray.direction);
-    ++stats.rays;
   }
-  return {0, 0, 0};
+  return false;
+}
+
+// Share of the light that gets through to `distance`, past holes and clear surfaces; 0 or 1 where
+// there are none.
+PH_INLINE Vec3 transmittance(const SceneView& scene, const Ray& ray, float distance, Slot light,
+                             bool tree, PathStats& stats) {
+  constexpr Vec3 kNothing = {0, 0, 0};
+  Vec3 through = {1, 1, 1};
+  if (!scene.has_holes) {
+    ++stats.rays;
+    return occluded(scene, ray, distance, light, tree) ? kNothing : through;
+  }
+  const bool arrives =
+      gets_past(scene, ray, distance, light, tree, stats, [&](const Surface& s, float solid) {
+        const Vec3 color = s.material->clear ? tint(scene, *s.material, s, 0.0f) : kNothing;
+        through *= Vec3{1, 1, 1} * (1.0f - solid) + color * solid;
+        return !black(through);
+      });
+  return arrives ? through : kNothing;
+}
+
+// How likely a path gets past holes to `target`, at `distance`; 0 if past what is clear, too, which
+// would colour it.
+PH_INLINE float openness(const SceneView& scene, const Ray& ray, float distance, Slot target,
+                         bool tree, PathStats& stats) {
+  float open = 1.0f;
+  const bool arrives =
+      gets_past(scene, ray, distance, target, tree, stats, [&](const Surface& s, float solid) {
+        open *= s.material->clear ? 0.0f : 1.0f - solid;
+        return open > 0.0f;
+      });
+  return arrives ? open : 0.0f;
 }
 
 // Light that was scattered so many times on its way to the camera, if that is no more than it may.

@@ -214,8 +214,8 @@ struct Tiling {
   u32 edge, x0, y0;  // pixels that lie before the film
   u32 across, down;
 
-  Tiling(const SceneView& scene, const Part& part, u32 tile)
-      : regions(part.view.reuse_paths && !scene.has_holes), edge(regions ? kRegion : tile) {
+  Tiling(const Part& part, u32 tile)
+      : regions(part.view.reuse_paths), edge(regions ? kRegion : tile) {
     const Film& film = part.film;
     x0 = regions ? film.x % kRegion : 0, y0 = regions ? film.y % kRegion : 0;
     across = (x0 + film.width + edge - 1) / edge;
@@ -309,7 +309,7 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, std::span<con
   std::vector<Tiling> tilings;
   std::vector<i64> ends;  // of each part's tiles, among those of all
   for (const Part& part : parts) {
-    tilings.emplace_back(scene_view, part, options.tile);
+    tilings.emplace_back(part, options.tile);
     ends.push_back((ends.empty() ? 0 : ends.back()) + tilings.back().count());
   }
   const i64 tiles = ends.empty() ? 0 : ends.back();

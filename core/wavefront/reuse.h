@@ -234,6 +234,35 @@ PH_APART inline void weigh_ways(const PathGroup& __restrict g, Ways& __restrict 
   }
 }
 
+// Of some ways to second surface j those that can be gone and that nothing is in; their densities
+// become those of getting past holes, too. None if its own path's is not among them.
+PH_INLINE u32 open_ways(const SceneView& scene, const RenderView& view, const PathGroup& g, u32 j,
+                        u32 facing, Ways& ways, PathStats& stats) {
+  const u32 own = 1u << j;
+  const auto ray_at = [&](u32 i) -> Ray {
+    return {g.start.at(i), ways.direction.at(i), g.self[i], g.inward[i]};
+  };
+  u32 open = 0;
+  for_each_bit(facing | own, [&](u32 i) { open |= (ways.density[i] > 0.0f ? 1u : 0u) << i; });
+  if ((open & own) == 0) return 0;
+  if (!scene.has_holes) {
+    const u32 others = open & ~own;
+    stats.rays += compiler::ones(others);
+    return open & ~occluded_each(
+                      scene, ways.direction, others, ray_at, ways.distance,
+                      [&](u32) { return g.end_slot[j]; }, view.tree);
+  }
+  const auto pass = [&](u32 i) {
+    ways.density[i] *=
+        openness(scene, ray_at(i), ways.distance[i], g.end_slot[j], view.tree, stats);
+    return ways.density[i] > 0.0f;
+  };
+  if (!pass(j)) return 0;
+  u32 passed = own;
+  for_each_bit(open & ~own, [&](u32 i) { passed |= (pass(i) ? 1u : 0u) << i; });
+  return passed;
+}
+
 // What the samples of a group bring, all of whose paths have ended.
 inline void share_out(const SceneView& scene, const RenderView& view, PathGroup& g,
                       Vec3 (&radiance)[kReused], PathStats& stats) {
@@ -258,23 +287,11 @@ inline void share_out(const SceneView& scene, const RenderView& view, PathGroup&
       value_of_plain<Form>(these, tables, g.first);
     });
     weigh_ways(g, ways);
-    if (!(ways.density[j] > 0.0f) || !finite(shared)) {
+    const u32 seen = finite(shared) ? open_ways(scene, view, g, j, facing, ways, stats) : 0;
+    if ((seen >> j & 1u) == 0) {
       radiance[j] += shared;
       return;
     }
-    u32 others = 0;
-    for_each_bit(facing & ~(1u << j), [&](u32 i) {
-      if (!(ways.density[i] > 0.0f)) return;
-      others |= 1u << i;
-      ++stats.rays;
-    });
-    const auto ray_at = [&](u32 i) -> Ray {
-      return {g.start.at(i), ways.direction.at(i), g.self[i], g.inward[i]};
-    };
-    const u32 hidden = occluded_each(
-        scene, ways.direction, others, ray_at, ways.distance, [&](u32) { return g.end_slot[j]; },
-        view.tree);
-    const u32 seen = (others & ~hidden) | 1u << j;
     float sum = ways.density[j];
     for_each_bit(seen & ~(1u << j), [&](u32 i) { sum += ways.density[i]; });
     const Vec3 own = ways.share.at(j);

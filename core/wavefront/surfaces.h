@@ -147,7 +147,9 @@ PH_APART inline Fate meet(const SceneView& scene, const RenderView& view, Wave& 
   }
   if (scene.has_holes) {
     const Surface s = v.surface(k, p.slot.at(k));
-    const float solid = opacity(scene, own, s, p.width[k]);
+    // Of what ways to second surfaces pass, all paths that share these have to see the same.
+    const float width = wave.groups && p.depth[k] == 2 ? 0.0f : p.width[k];
+    const float solid = opacity(scene, own, s, width);
     const u32 draw = bounce_draw(p.depth[k]) + kDrawOpacity + p.holes[k] * 0x10000u;
     const bool hole = solid < 1.0f && !(draw1(p.samplers.at(k), draw) < solid);
     if ((hole || own.clear) && p.holes[k] < kMaxHoles) {

@@ -41,8 +41,6 @@ def pays(core: Any, view: Any, settings: Settings, work: Work) -> bool:
     across, down = settings.width // _core.region, settings.height // _core.region
     if across * down < _FEWEST or settings.integrator != "path" or settings.max_depth < 3:
         return False
-    if core.stats()["holes"]:
-        return False
     places = squares(across, down)
     pictures, rays = [], []
     for shared in (False, True):
