@@ -434,6 +434,14 @@ BAD_DOCUMENTS: list[tuple[Any, str]] = [
     ({"parhelion": 1, "shape": []}, "$.shape: unknown field 'shape'; did you mean 'shapes'?"),
     ({"parhelion": 1, "a b": []}, "$['a b']: unknown field 'a b'"),
     ({"parhelion": 1, "name": "x" * 2000}, '$.name: is "xxx'),
+    (
+        {"parhelion": 1, "settings": {"reuse_paths": "sometimes"}},
+        "$.settings.reuse_paths: unknown reuse_paths 'sometimes'",
+    ),
+    (
+        {"parhelion": 1, "settings": {"reuse_paths": 3}},
+        "$.settings.reuse_paths: is 3; must be true or false",
+    ),
     # camera
     ({"parhelion": 1, "camera": {"fov": 40, "vfov": 40}}, "$.camera: has both 'fov' and 'vfov'"),
     ({"parhelion": 1, "camera": {"fov": 180}}, "$.camera.fov: is 180; must be a number < 180"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from math import isfinite
-from typing import Any, get_args
+from typing import Any, Literal, get_args, get_origin
 
 import msgspec
 from msgspec import Struct
@@ -84,7 +84,7 @@ def invalid(text: str, read: Callable[[], Any], start: str, block: type[Struct])
     if what.startswith("Invalid enum value"):
         if where == "$.parhelion":
             return f"{where}: is {shown}; this version of Parhelion reads format 1"
-        words = get_args(get_args(_fields(block)[key])[0])  # Annotated[Literal[...], ...]
+        words = _choices(get_args(_fields(block)[key])[0])  # of an Annotated
         return f"{where}: {unknown_choice(key, value, words)}"
     wanted = re.sub(
         "`([a-z |]+)`",
@@ -97,6 +97,15 @@ def invalid(text: str, read: Callable[[], Any], start: str, block: type[Struct])
 def _fields(block: type[Struct]) -> dict[str, Any]:
     """The fields' names in a document, and their types."""
     return {f.encode_name: f.type for f in msgspec.structs.fields(block)}
+
+
+def _choices(kind: Any) -> list[str]:
+    """Of a Literal, or of one beside bool, as a document has them."""
+    if kind is bool:
+        return ["true", "false"]
+    if get_origin(kind) is Literal:
+        return list(get_args(kind))
+    return [word for part in get_args(kind) for word in _choices(part)]
 
 
 def malformed(text: str, data: bytes) -> str:
