@@ -126,21 +126,22 @@ PH_INLINE void pull_to_mirror(const SceneView& scene, u32 depth, Material& m) {
 
 // --- Light ------------------------------------------------------------------------------------
 
-// Whether a ray gets to `distance`, or to `target` before it, past what may have holes: of each
-// such surface `passes` is told, with its opacity, and says whether the ray goes on.
-template <class F>
+// Whether a ray gets to `distance`, or before it to `target` on a side that `there` accepts, past
+// what may have holes: of each such surface `passes` is told, with its opacity, and says whether
+// the ray goes on.
+template <class Side, class F>
 PH_INLINE bool gets_past(const SceneView& scene, Ray ray, float distance, Slot target, bool tree,
-                         PathStats& stats, F&& passes) {
+                         PathStats& stats, Side&& there, F&& passes) {
   float left = distance;
   for (u32 i = 0; i < kMaxHoles; ++i) {
     ++stats.rays;
     Hit hit;
     if (!intersect(scene, ray, left, tree, hit)) return true;
+    const Surface s = surface_at(scene, ray, hit);
     if (hit.slot.leaf == target.leaf && hit.slot.lane == target.lane &&
-        hit.slot.instance == target.instance) {
+        hit.slot.instance == target.instance && there(s)) {
       return true;
     }
-    const Surface s = surface_at(scene, ray, hit);
     if (!passes(s, clamp(opacity(scene, *s.material, s, 0.0f), 0.0f, 1.0f))) return false;
     left -= hit.t;
     ray = ray_from(s, ray.direction);
@@ -158,8 +159,9 @@ PH_INLINE Vec3 transmittance(const SceneView& scene, const Ray& ray, float dista
     ++stats.rays;
     return occluded(scene, ray, distance, light, tree) ? kNothing : through;
   }
-  const bool arrives =
-      gets_past(scene, ray, distance, light, tree, stats, [&](const Surface& s, float solid) {
+  const auto any_side = [](const Surface&) { return true; };
+  const bool arrives = gets_past(
+      scene, ray, distance, light, tree, stats, any_side, [&](const Surface& s, float solid) {
         const Vec3 color = s.material->clear ? tint(scene, *s.material, s, 0.0f) : kNothing;
         through *= Vec3{1, 1, 1} * (1.0f - solid) + color * solid;
         return !black(through);
@@ -167,16 +169,20 @@ PH_INLINE Vec3 transmittance(const SceneView& scene, const Ray& ray, float dista
   return arrives ? through : kNothing;
 }
 
-// How likely a path gets past holes to `target`, at `distance`; 0 if past what is clear, too, which
-// would colour it.
+// How likely a path gets past holes to `target`, at `distance`, on its front or its back; 0 if past
+// what is clear, too, which would colour it. To the far side of a sphere it is the near one that
+// has to be passed.
 PH_INLINE float openness(const SceneView& scene, const Ray& ray, float distance, Slot target,
-                         bool tree, PathStats& stats) {
+                         bool front, bool tree, PathStats& stats) {
   float open = 1.0f;
-  const bool arrives =
-      gets_past(scene, ray, distance, target, tree, stats, [&](const Surface& s, float solid) {
-        open *= s.material->clear ? 0.0f : 1.0f - solid;
-        return open > 0.0f;
-      });
+  const auto same_side = [&](const Surface& s) {
+    return (dot(ray.direction, s.normal) < 0.0f) == front;
+  };
+  const bool arrives = gets_past(scene, ray, distance, target, tree, stats, same_side,
+                                 [&](const Surface& s, float solid) {
+                                   open *= s.material->clear ? 0.0f : 1.0f - solid;
+                                   return open > 0.0f;
+                                 });
   return arrives ? open : 0.0f;
 }
 

@@ -106,7 +106,11 @@ def with_holes() -> ph.Prepared:
     )
 
 
-SCENES = {"empty": lambda: room(False), "things": lambda: room(True), "holes": with_holes}
+SCENES = {
+    "empty": lambda: room(False),
+    "things": lambda: room(True),
+    "holes": with_holes,
+}
 
 
 def from_above(*shapes: Any) -> ph.Prepared:
@@ -135,6 +139,35 @@ def test_what_an_open_tube_hides_stays_dark() -> None:
     alone, shared = (ph.render(scene, reuse_paths=reuse, **size).numpy() for reuse in (False, True))
     assert (alone == 0).mean() > 0.3
     np.testing.assert_array_equal(shared[alone == 0], 0)
+
+
+def test_the_inside_of_a_ball_with_holes_is_seen_past_its_near_side() -> None:
+    """Both sides of it are one primitive, which rays to it pass: the near one must not be."""
+    texels = np.full((32, 32, 4), 255, np.uint8)
+    texels[:16, :, 3] = 0  # open towards one end of z
+    hollow = ph.Material(
+        "diffuse", color=(0.8, 0.8, 0.8), opacity=ph.Texture("image", image=texels, channel="a")
+    )
+    scene = from_above(
+        quad((-2, -0.6, 2), (4, 0, 0), (0, 0, -4)),
+        ph.Spheres([[0, 0.4, 0]], 0.6, hollow),
+        ph.Spheres([[0, 0.4, 0]], 0.1, LAMP),
+    )
+    size = {"width": 32, "height": 32, "spp": 16, "max_depth": 4}
+    rows = [
+        np.array(
+            [
+                ph.render(scene, reuse_paths=reuse, seed=1000 * reuse + k, **size).numpy()
+                for k in range(40)
+            ],
+            float,
+        )
+        .reshape(40, 8, 4, 32, 3)
+        .mean(axis=(2, 3, 4))
+        for reuse in (False, True)
+    ]
+    gap = rows[1] - rows[0]
+    assert mean_p(gap, np.zeros(8)) > SIGNIFICANCE
 
 
 def test_normals_that_are_turned_away_weigh_as_much() -> None:

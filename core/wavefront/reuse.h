@@ -2,12 +2,13 @@
 // "Accelerating Path Tracing by Re-Using Paths", EGWR 2002.
 //
 // A group is one sample of each of a few pixels. What a path has found from its second surface on
-// can be seen from the first surfaces of the others, too, where nothing lies in between. By the
-// balance heuristic each of them gets its share: its own density of going there over the sum of all
-// that could. First surfaces are opaque ones in plain forms. Of second ones it is the matte part
-// that is shared, which sends the same light towards everywhere, but for what a boundary above lets
-// out there (let_out in bsdf.h). What is glossy there or was mirrored by either of the two stays
-// with its path, and so does all that other paths have found. Who shares what depends on the two
+// can be seen from the first surfaces of the others, too, where nothing lies in between, or nothing
+// but holes. By the balance heuristic each of them gets its share: its own density of going there,
+// past these, over the sum of all that could. What is clear lies in nobody's way, as it colours.
+// First surfaces are opaque ones in plain forms. Of second ones it is the matte part that is
+// shared, which sends the same light towards everywhere, but for what a boundary above lets out
+// there (let_out in bsdf.h). What is glossy there or was mirrored by either of the two stays with
+// its path, and so does all that other paths have found. Who shares what depends on the two
 // surfaces alone, never on which way a path went on from the first or what it found beyond the
 // second, or means would differ. (But for the width at which a texture of the second is seen, that
 // of the path which was there.)
@@ -43,12 +44,13 @@ struct PathGroup {
   Rows<PlainBlock, kReused> end_plain;
   Rows<Vec3, kReused> end, end_side, end_facing;
   Slot end_slot[kReused];
+  u32 end_front;  // those of them, as bits, that were met on their front
   // What paths have gathered: what is theirs alone, and what the second surface's matte part has
   // scattered; and what share of the rest it will have.
   Rows<Vec3, kReused> own, shared, onward;
 
   PH_INLINE void clear() {
-    count = going = starts = mirrored = joins = 0;
+    count = going = starts = mirrored = joins = end_front = 0;
     kinds = end_kinds = {};
     own = shared = onward = {};
   }
@@ -99,6 +101,7 @@ inline u32 join_groups(Wave& wave, const Kinds& kinds, const Vertices& v) {
       g.end_side.set(i, v.normal.at(k) * side);
       g.end_facing.set(i, v.shading.at(k) * side);
       g.end_slot[i] = p.slot.at(k);
+      g.end_front |= v.front[k] != 0 ? bit : 0;
       g.own.set(i, p.sum.at(k));
       p.sum.set(k, Vec3{0, 0, 0});
       joining |= 1u << k;
@@ -253,8 +256,8 @@ PH_INLINE u32 open_ways(const SceneView& scene, const RenderView& view, const Pa
                       [&](u32) { return g.end_slot[j]; }, view.tree);
   }
   const auto pass = [&](u32 i) {
-    ways.density[i] *=
-        openness(scene, ray_at(i), ways.distance[i], g.end_slot[j], view.tree, stats);
+    ways.density[i] *= openness(scene, ray_at(i), ways.distance[i], g.end_slot[j],
+                                (g.end_front & own) != 0, view.tree, stats);
     return ways.density[i] > 0.0f;
   };
   if (!pass(j)) return 0;

@@ -147,8 +147,10 @@ PH_APART inline Fate meet(const SceneView& scene, const RenderView& view, Wave& 
   }
   if (scene.has_holes) {
     const Surface s = v.surface(k, p.slot.at(k));
-    // Of what ways to second surfaces pass, all paths that share these have to see the same.
-    const float width = wave.groups && p.depth[k] == 2 ? 0.0f : p.width[k];
+    // Rays to lights see holes as sharp (transmittance() in path.h), so what is weighed against
+    // them and what other paths share has to, too; blurred by the width of a scattered ray half of
+    // a cut-out would be open everywhere.
+    const float width = first ? p.width[k] : 0.0f;
     const float solid = opacity(scene, own, s, width);
     const u32 draw = bounce_draw(p.depth[k]) + kDrawOpacity + p.holes[k] * 0x10000u;
     const bool hole = solid < 1.0f && !(draw1(p.samplers.at(k), draw) < solid);
