@@ -436,11 +436,11 @@ BAD_DOCUMENTS: list[tuple[Any, str]] = [
     ({"parhelion": 1, "name": "x" * 2000}, '$.name: is "xxx'),
     (
         {"parhelion": 1, "settings": {"reuse_paths": "sometimes"}},
-        "$.settings.reuse_paths: unknown reuse_paths 'sometimes'",
+        '$.settings.reuse_paths: is "sometimes"; must be true, false or "auto"',
     ),
     (
         {"parhelion": 1, "settings": {"reuse_paths": 3}},
-        "$.settings.reuse_paths: is 3; must be true or false",
+        '$.settings.reuse_paths: is 3; must be true, false or "auto"',
     ),
     # camera
     ({"parhelion": 1, "camera": {"fov": 40, "vfov": 40}}, "$.camera: has both 'fov' and 'vfov'"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -141,7 +141,9 @@ class Drawing:
         height = max(1, round(request.height * self.scale))
         x, y, w, h = rectangle(request.crop or (0.0, 0.0, 1.0, 1.0), width, height)
         crop = None if request.crop is None else (x, y, w, h)
-        self.settings = merged(stage.settings, {"width": width, "height": height, "crop": crop})
+        wanted = merged(stage.settings, {"width": width, "height": height, "crop": crop})
+        # there is no time to find out for each look whether it pays
+        self.settings = replace(wanted, reuse_paths=wanted.reuse_paths is True)
         self.place = x, y, w, h
         self.view = stage.view(request.camera, self.settings)
         if self.whole:

@@ -69,9 +69,7 @@ class Stage:
         settings = merged(prepared.scene.settings, self._changes)
         with self._lock:
             self.prepared = prepared
-            # no time to find out whether it pays for each look
-            own = settings.reuse_paths is True
-            self.settings = replace(settings, crop=None, reuse_paths=own)
+            self.settings = replace(settings, crop=None)
             self.placing = 0.0
             self.core = prepared.core
             self.reach = float(1.0 / prepared.core.stats()["scale"])

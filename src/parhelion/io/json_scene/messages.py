@@ -81,10 +81,12 @@ def invalid(text: str, read: Callable[[], Any], start: str, block: type[Struct])
     if "base64" in what:
         return f"{where}: is no base64 text"
     shown = clip(msgspec.json.encode(value).decode())
+    if allowed := _flag_or_word(_fields(block).get(key)):
+        return f"{where}: is {shown}; must be {allowed}"
     if what.startswith("Invalid enum value"):
         if where == "$.parhelion":
             return f"{where}: is {shown}; this version of Parhelion reads format 1"
-        words = _choices(get_args(_fields(block)[key])[0])  # of an Annotated
+        words = get_args(get_args(_fields(block)[key])[0])  # Annotated[Literal[...], ...]
         return f"{where}: {unknown_choice(key, value, words)}"
     wanted = re.sub(
         "`([a-z |]+)`",
@@ -99,13 +101,13 @@ def _fields(block: type[Struct]) -> dict[str, Any]:
     return {f.encode_name: f.type for f in msgspec.structs.fields(block)}
 
 
-def _choices(kind: Any) -> list[str]:
-    """Of a Literal, or of one beside bool, as a document has them."""
-    if kind is bool:
-        return ["true", "false"]
-    if get_origin(kind) is Literal:
-        return list(get_args(kind))
-    return [word for part in get_args(kind) for word in _choices(part)]
+def _flag_or_word(field: Any) -> str | None:
+    """What a field may be that is a boolean or one of some words; None for any other field."""
+    kinds = get_args(get_args(field)[0]) if get_args(field) else ()  # of an Annotated
+    words = [word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind)]
+    if bool not in kinds or not words:
+        return None
+    return " or ".join(["true, false", *(f'"{word}"' for word in words)])
 
 
 def malformed(text: str, data: bytes) -> str:
