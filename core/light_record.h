@@ -7,7 +7,8 @@
 //   radiance(l, record, tables, d)        what a ray that leaves the scene in direction d sees
 //   pdf(l, record, tables, d)             density of sample, per steradian; 0 for delta lights,
 //   or seen(l, record, tables, d)         radiance and pdf, where they are cheaper together
-//   or seen(l, record, tables, lanes, d, s)   and that for some of sixteen directions, or false
+//   or seen(l, record, tables, lanes, weighed, d, s)   and that for some of sixteen directions, the
+//                               density of those weighed, or false
 //   reach(l, record, tables)              of lights that are not outside: for the light tree
 // and, if it has an image, has_image = true; if it shines so evenly that scattering alone finds it
 // with less noise than asking for it would, smooth = true; and if, smooth, its radiance has no

@@ -69,11 +69,12 @@ PH_INLINE u32 lower_row(const ImageView& image, u32 y) { return y + 1 < image.he
 PH_INLINE LatLongCell latlong_cell(const ImageView& image, u32 x, u32 y, Vec2 place) {
   const u32 right = x + 1 < image.width ? x + 1 : 0;
   const u32 lower = lower_row(image, y);
-  return {x,
-          y,
-          place,
-          {{fetch(image, 0, x, y).rgb, fetch(image, 0, right, y).rgb},
-           {fetch(image, 0, x, lower).rgb, fetch(image, 0, right, lower).rgb}}};
+  return with_texels(image, [&](auto&& texel) -> LatLongCell {
+    const auto at = [&](u32 i, u32 j) {
+      return to_texel(texel(texel_number(image, 0, i, j))).rgb;
+    };
+    return {x, y, place, {{at(x, y), at(right, y)}, {at(x, lower), at(right, lower)}}};
+  });
 }
 
 struct LatLongPlace {
@@ -228,8 +229,8 @@ struct PanoramaBatch {
   }
 };
 
-// What an image by latitude and longitude has in some of many directions, in its own frame, and the
-// density of sampling it there.
+// What an image by latitude and longitude has in some of many directions, in its own frame, and, of
+// those that want it, the density of sampling it there.
 template <u32 kCount>
 struct PanoramaSights {
   struct Corners {
@@ -237,28 +238,34 @@ struct PanoramaSights {
   };
 
   Rows<Vec3, kCount> direction, color;
-  float pdf[kCount];
+  float pdf[kCount] = {};
   int x[kCount], y[kCount];
   Rows<Vec2, kCount> place;
   Rows<Corners, kCount> corners = {};
   float probability[kCount] = {};
 
-  PH_INLINE void look(const ImageView& image, const Distribution& d, u32 lanes) {
+  PH_INLINE void look(const ImageView& image, const Distribution& d, u32 lanes, u32 weighed) {
     find(image.width, latlong_rows(image));
     // What memory is waited for is asked for all of them before any is looked at.
     for_each_bit(lanes, [&](u32 k) {
       const u32 i = static_cast<u32>(x[k]), j = static_cast<u32>(y[k]);
       prefetch(image, 0, i, j);
       prefetch(image, 0, i, lower_row(image, j));
-      compiler::prefetch(d.columns + row_of(d, j) + i);
+    });
+    for_each_bit(weighed, [&](u32 k) {
+      compiler::prefetch(d.columns + row_of(d, static_cast<u32>(y[k])) + static_cast<u32>(x[k]));
     });
     for_each_bit(lanes, [&](u32 k) {
       const u32 i = static_cast<u32>(x[k]), j = static_cast<u32>(y[k]);
       const LatLongCell c = latlong_cell(image, i, j, {0.0f, 0.0f});
       corners.set(k, Corners{{{c.corner[0][0], c.corner[0][1]}, {c.corner[1][0], c.corner[1][1]}}});
-      probability[k] = cell_probability(d, i, j);
     });
-    shade(image.width, latlong_rows(image));
+    for (u32 k = 0; k < kCount; ++k) color.set(k, latlong_color(cell(k)));
+    if (weighed == 0) return;
+    for_each_bit(weighed, [&](u32 k) {
+      probability[k] = cell_probability(d, static_cast<u32>(x[k]), static_cast<u32>(y[k]));
+    });
+    weigh(image.width, latlong_rows(image));
   }
 
  private:
@@ -269,16 +276,15 @@ struct PanoramaSights {
       place.set(k, p.place);
     }
   }
-  PH_APART void shade(u32 width, u32 rows) {
-    for (u32 k = 0; k < kCount; ++k) {
-      const Corners c = corners.at(k);
-      const LatLongCell cell = {0,
-                                static_cast<u32>(y[k]),
-                                place.at(k),
-                                {{c.at[0][0], c.at[0][1]}, {c.at[1][0], c.at[1][1]}}};
-      color.set(k, latlong_color(cell));
-      pdf[k] = latlong_pdf(width, rows, cell, probability[k]);
-    }
+  PH_INLINE LatLongCell cell(u32 k) const {
+    const Corners c = corners.at(k);
+    return {0,
+            static_cast<u32>(y[k]),
+            place.at(k),
+            {{c.at[0][0], c.at[0][1]}, {c.at[1][0], c.at[1][1]}}};
+  }
+  PH_APART void weigh(u32 width, u32 rows) {
+    for (u32 k = 0; k < kCount; ++k) pdf[k] = latlong_pdf(width, rows, cell(k), probability[k]);
   }
 };
 

@@ -64,13 +64,15 @@ PH_INLINE LightSight seen(const Envmap& light, const LightRecord& record, const 
 }
 
 // The same for some of sixteen directions at once, where that is faster; false where it is not.
+// weighed: of those that want the density.
 template <u32 kCount>
 inline bool seen(const Envmap& light, const LightRecord& record, const LightTables& tables,
-                 u32 lanes, const Rows<Vec3, kCount>& direction, Rows<LightSight, kCount>& sights) {
+                 u32 lanes, u32 weighed, const Rows<Vec3, kCount>& direction,
+                 Rows<LightSight, kCount>& sights) {
   if (!is_latlong(light)) return false;
   PanoramaSights<kCount> s;
   for (u32 k = 0; k < kCount; ++k) s.direction.set(k, to_local(record, direction.at(k)));
-  s.look(tables.images[record.image], tables.distributions[record.distribution], lanes);
+  s.look(tables.images[record.image], tables.distributions[record.distribution], lanes, weighed);
   for (u32 k = 0; k < kCount; ++k) {
     sights.set(k, LightSight{light.scale * s.color.at(k), s.pdf[k]});
   }
