@@ -25,6 +25,8 @@ _HEAP = 2**26
 _LIBRARY = 2**25
 # A thread's stack where the system does not say how large it may be
 _STACK = 2**23
+# From here on the limit of a control group of the first kind is none
+_NO_LIMIT = 2**62
 
 
 # Threads that have run already
@@ -49,7 +51,7 @@ def free(root: Path = Path("/"), threads: int = 0) -> Free | None:
     allocation to fail. None if nothing is known. root: where proc and sys are mounted. threads:
     that will run; 0 for one a core.
     """
-    return min(_all(root, threads or cores_available()), default=None)
+    return min(_all(root, threads), default=None)
 
 
 def available(root: Path = Path("/")) -> int | None:
@@ -138,18 +140,18 @@ if hasattr(os, "register_at_fork"):  # they end before a fork
 
 
 def _all(root: Path, threads: int) -> Iterator[Free]:
-    left = _field(root / "proc/meminfo", "MemAvailable:", 1024)
+    left = _field(_lines(root / "proc/meminfo"), "MemAvailable:", 1024)
     if left is not None:
         yield Free(left, "are free")
     for group in _groups(root):
         if group is not None:
             yield Free(group, "are left to the control group")
-    status = root / "proc/self/status"
+    status, limits = _lines(root / "proc/self/status"), _lines(root / "proc/self/limits")
     limit, held = _LIMIT.get(), _field(status, "VmRSS:", 1024)
     if limit is not None:
         yield Free(max(0, limit - (held or 0)), f"are left of {option('memory_limit')}")
     # a thread that cannot start ends the process
-    stack, new = _limit(root, "Max stack size") or _STACK, max(0, threads - _started)
+    stack = _limit(limits, "Max stack size") or _STACK
     for name, used, each, of in (
         (
             "Max address space",
@@ -164,14 +166,15 @@ def _all(root: Path, threads: int) -> Iterator[Free]:
             "are left of the data segment (ulimit -d) beside threads' stacks",
         ),
     ):
-        most, taken = _limit(root, name), _field(status, used, 1024)
+        most, taken = _limit(limits, name), _field(status, used, 1024)
         if most is not None and taken is not None:
+            new = max(0, (threads or cores_available()) - _started)
             yield Free(max(0, most - taken - new * each - _LIBRARY), of)
 
 
-def _limit(root: Path, name: str) -> int | None:
+def _limit(lines: list[str], name: str) -> int | None:
     """A limit of the process's in bytes; None is no limit."""
-    for line in _lines(root / "proc/self/limits"):
+    for line in lines:
         if line.startswith(name):
             soft = line[len(name) :].split()[0]
             return int(soft) if soft.isdecimal() else None
@@ -183,27 +186,32 @@ def _groups(root: Path) -> Iterator[int | None]:
     v2, v1 = root / "sys/fs/cgroup", root / "sys/fs/cgroup/memory"
     for line in _lines(root / "proc/self/cgroup"):
         number, controllers, group = line.split(":", 2)
+        if number != "0" and "memory" not in controllers.split(","):
+            continue
         path = Path(group.lstrip("/"))
         # the root last: seen from within a container, it is the group
         for folder in (path, *path.parents):
             if number == "0":
                 yield _free(v2 / folder, "memory.max", "memory.current", "inactive_file")
-            elif "memory" in controllers.split(","):
+            else:
                 names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
                 yield _free(v1 / folder, *names)
 
 
 def _free(folder: Path, limit: str, usage: str, cached: str) -> int | None:
-    most, used = " ".join(_lines(folder / limit)), " ".join(_lines(folder / usage))
-    if not (most.isdecimal() and used.isdecimal()):  # "max" is no limit
+    most = " ".join(_lines(folder / limit))
+    if not most.isdecimal() or int(most) >= _NO_LIMIT:  # "max" is none either
+        return None
+    used = " ".join(_lines(folder / usage))
+    if not used.isdecimal():
         return None
     # files that the system keeps in memory count as used, and make room when asked to
-    reclaimable = _field(folder / "memory.stat", cached, 1) or 0
+    reclaimable = _field(_lines(folder / "memory.stat"), cached, 1) or 0
     return max(0, int(most) - int(used) + reclaimable)
 
 
-def _field(path: Path, name: str, unit: int) -> int | None:
-    for line in _lines(path):
+def _field(lines: list[str], name: str, unit: int) -> int | None:
+    for line in lines:
         words = line.split()
         if len(words) > 1 and words[0] == name:
             return int(words[1]) * unit
@@ -211,7 +219,15 @@ def _field(path: Path, name: str, unit: int) -> int | None:
 
 
 def _lines(path: Path) -> list[str]:
+    # by the system's calls: a dozen files are read for each scene, however small
     try:
-        return path.read_text(errors="replace").splitlines()
+        file = os.open(path, os.O_RDONLY)
     except OSError:
         return []
+    try:
+        text = b"".join(iter(lambda: os.read(file, 2**16), b""))
+    except OSError:
+        return []
+    finally:
+        os.close(file)
+    return text.decode(errors="replace").splitlines()
