@@ -16,6 +16,9 @@
 //   emitted(m)              radiance, only if it shines
 //   float mirror_pull       behind its parameters, 0 in blocks, if it chooses by chance what to
 //                           mirror: by how much the share that does is raised, 1 doubles it
+//   derive(m)               fills other members behind its parameters, 0 in blocks, with what takes
+//                           long to work out of parameters but the colour: once for a scene's
+//                           material, unless textures stand for such parameters
 //   prepare(m, wo)          a struct of what depends on m and wo alone, if that is much: then there
 //                           are evaluate(m, prepared, wo, wi) and sample(m, prepared, wo, u, out)
 //                           instead of those without it

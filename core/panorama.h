@@ -70,9 +70,7 @@ PH_INLINE LatLongCell latlong_cell(const ImageView& image, u32 x, u32 y, Vec2 pl
   const u32 right = x + 1 < image.width ? x + 1 : 0;
   const u32 lower = lower_row(image, y);
   return with_texels(image, [&](auto&& texel) -> LatLongCell {
-    const auto at = [&](u32 i, u32 j) {
-      return to_texel(texel(texel_number(image, 0, i, j))).rgb;
-    };
+    const auto at = [&](u32 i, u32 j) { return to_texel(texel(texel_number(image, 0, i, j))).rgb; };
     return {x, y, place, {{at(x, y), at(right, y)}, {at(x, lower), at(right, lower)}}};
   });
 }

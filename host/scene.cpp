@@ -604,6 +604,19 @@ static bool has_inside(const MaterialRecord& m) {
   });
 }
 
+// What is worked out of parameters that are the same everywhere. bindings: its own.
+static void derive(MaterialRecord& m, const TextureBinding* bindings) {
+  for (u32 i = 0; i < m.binding_count; ++i) {
+    if (bindings[i].offset != 0) return;  // the colour's
+  }
+  baseline::with_material(m.block, [&](auto material) {
+    if constexpr (requires { derive(material); }) {
+      derive(material);
+      baseline::to_block(material, m.block);
+    }
+  });
+}
+
 void Scene::make_materials() {
   const float per_unit = static_cast<float>(1.0 / scale_);
   view_.has_bodies = view_.has_holes = false;
@@ -615,6 +628,7 @@ void Scene::make_materials() {
     scale_lengths(m.block, material_params(m.block.kind), scale_);
     m.clear = static_cast<MaterialKind>(m.block.kind) == MaterialKind::null && m.priority == 0 &&
               baseline::black(m.absorption) && m.blend_first == kNone && m.back == i;
+    derive(m, bindings_.data() + m.first_binding);
     const bool textured = m.binding_count != 0 || m.normal_map != kNone;
     const bool varies = m.blend_first != kNone || m.back != i;
     m.traits = (m.traits & kUsesUv) | (textured ? kTextured : 0) | (shines(m) ? kShines : 0) |

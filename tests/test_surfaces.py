@@ -486,6 +486,18 @@ def test_textures_are_cut_to_their_parameters_range() -> None:
     assert not np.any(picture(ph.Scene([], camera=ph.Camera(), background=dim), width=2, height=2))
 
 
+@pytest.mark.parametrize(
+    ("parameter", "value"), [("color", (0.5, 0.25, 0.75)), ("roughness", 0.25), ("ior", 1.25)]
+)
+def test_textures_of_one_value_are_that_value(parameter: str, value: Any) -> None:
+    """Also where what parameters lead to is worked out once for all of a material."""
+    image = np.broadcast_to(np.float32(value), (1, 1, 3))
+    given: dict[str, Any] = {"color": (0.2, 0.3, 0.4), "roughness": 0.5, "ior": 1.5}
+    plain = ph.Material("plastic", **{**given, parameter: value})
+    textured = ph.Material("plastic", **{**given, parameter: ph.Texture("image", image=image)})
+    np.testing.assert_allclose(colored(textured), colored(plain), rtol=1e-5)
+
+
 def test_textured_radiance() -> None:
     """Of an emissive material, seen and asked for from both sides."""
     image = np.array([[1.0, 3.0]], np.float32)

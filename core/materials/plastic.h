@@ -20,6 +20,7 @@ struct Plastic {
   Vec3 color, specular;
   float ior, roughness, distribution, nonlinear, compensation;
   float mirror_pull;
+  float inside;  // what thrown_back says, or 0 where that has not been asked yet
 
   using Plain =
       PlainForms<struct SmoothPlastic, RoughPlastic<Facets::ggx>, RoughPlastic<Facets::beckmann>>;
@@ -55,9 +56,12 @@ inline float let_in(const Plastic& m, const Coat& c, Vec3 w) {
 
 // Share that the coat's inside throws back.
 inline float thrown_back(const Plastic& m, const Coat& c) {
+  if (m.inside > 0.0f) return m.inside;
   const bool once = !c.smooth && m.compensation > 0.5f;
   return once ? coat_mean_within(c) : 1.0f - (1.0f - coat_mean(c)) / (m.ior * m.ior);
 }
+
+inline void derive(Plastic& m) { m.inside = thrown_back(m, coat(m)); }
 
 struct PlasticValue {
   Vec3 value;  // f |cos|, without a smooth coat's mirror image
@@ -85,7 +89,8 @@ struct SmoothPlastic {
 
   PH_INLINE static bool fits(const Plastic& m) { return smooth(facets(m)); }
   PH_INLINE static SmoothPlastic of(const Plastic& m) {
-    return {m.color, m.specular, m.ior, m.nonlinear, thrown_back(m, coat(m)), m.mirror_pull};
+    const float inside = m.inside > 0.0f ? m.inside : thrown_back(m, coat(m));
+    return {m.color, m.specular, m.ior, m.nonlinear, inside, m.mirror_pull};
   }
   PH_INLINE SmoothPlastic whole() const { return *this; }
 };
@@ -143,7 +148,7 @@ PH_INLINE PlasticValue rough_value(const Material& m, const Microfacets& d, floa
 template <Facets kDistribution>
 struct RoughPlastic {
   Vec3 color, specular;
-  float ior, roughness, nonlinear, compensation;
+  float ior, roughness, nonlinear, compensation, inside;  // inside: as in Plastic
 
   struct From {
     float let_in, inside;
@@ -157,11 +162,11 @@ struct RoughPlastic {
     return d.distribution == kDistribution && !smooth(d);
   }
   PH_INLINE static RoughPlastic of(const Plastic& m) {
-    return {m.color, m.specular, m.ior, m.roughness, m.nonlinear, m.compensation};
+    return {m.color, m.specular, m.ior, m.roughness, m.nonlinear, m.compensation, m.inside};
   }
   PH_INLINE Plastic whole() const {
     const float distribution = static_cast<float>(kDistribution);
-    return {color, specular, ior, roughness, distribution, nonlinear, compensation, 0.0f};
+    return {color, specular, ior, roughness, distribution, nonlinear, compensation, 0.0f, inside};
   }
 };
 
