@@ -221,12 +221,6 @@ PH_INLINE Vec3 add_emission(const SceneView& scene, const RenderView& view, cons
 }
 
 // Adds what the path's ray, which leaves the scene, sees of a light from outside.
-PH_INLINE void add_outside(const SceneView& scene, const RenderView& view, u32 light,
-                           const LightSight& sight, Paths& paths, u32 k) {
-  if (black(sight.radiance)) return;
-  const float share = scene.outside_share * scene.lights[light].share;
-  add_light(view, paths, k, sight.radiance, light < scene.smooth_first ? share * sight.pdf : 0.0f);
-}
 PH_INLINE void add_outside(const SceneView& scene, const RenderView& view, u32 light, Paths& paths,
                            u32 k) {
   const LightRecord& record = scene.lights[light];
@@ -235,7 +229,9 @@ PH_INLINE void add_outside(const SceneView& scene, const RenderView& view, u32 l
   const LightSight sight = weighed
                                ? light_seen(record, scene.tables, direction)
                                : LightSight{light_radiance(record, scene.tables, direction), 0.0f};
-  add_outside(scene, view, light, sight, paths, k);
+  if (black(sight.radiance)) return;
+  const float share = scene.outside_share * record.share;
+  add_light(view, paths, k, sight.radiance, weighed ? share * sight.pdf : 0.0f);
 }
 
 // How open the surroundings of the first surface are.

@@ -264,14 +264,16 @@ def test_estimates_are_no_less_than_what_is_taken_and_little_more() -> None:
     said = child(
         """
         import ctypes, gc
+        from pathlib import Path
         import numpy as np
         import parhelion as ph
         from parhelion import _core
         from parhelion.flatten import flatten
-        from parhelion.memory import Path, _field, _lines
+        from parhelion.machine import lines
+        from parhelion.memory import _field
 
         def status(key):
-            return _field(_lines(Path("/proc/self/status")), key, 1024)
+            return _field(lines("/proc/self/status"), key, 1024)
 
         rng = np.random.default_rng(1)
         def some(n):
@@ -330,7 +332,8 @@ def test_under_limits_of_the_system_there_are_errors_and_no_signals(limit: str) 
         import numpy as np
         import parhelion as ph
         import parhelion.image
-        from parhelion.memory import Path, _field, _lines
+        from parhelion.machine import lines
+        from parhelion.memory import _field
 
         rng = np.random.default_rng(1)
         shapes = [
@@ -344,7 +347,7 @@ def test_under_limits_of_the_system_there_are_errors_and_no_signals(limit: str) 
         for extra in (0, 8, 25, 50, 100, 150, 2000):
             child = os.fork()
             if child == 0:
-                most = _field(_lines(Path("/proc/self/status")), key, 1024) + extra * 2**20
+                most = _field(lines("/proc/self/status"), key, 1024) + extra * 2**20
                 resource.setrlimit(resource.{limit}, (most, most))
                 try:
                     ph.render(scene, width=64, spp=1)

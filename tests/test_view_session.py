@@ -597,7 +597,8 @@ def test_under_a_limit_of_the_system_there_are_errors_and_no_signals(extra: int)
         f"""
         import resource
         import parhelion as ph
-        from parhelion.memory import Path, _field
+        from parhelion.machine import lines
+        from parhelion.memory import _field
         from parhelion.view.messages import Client, Packer, saved
         from parhelion.view.session import Session
 
@@ -614,7 +615,7 @@ def test_under_a_limit_of_the_system_there_are_errors_and_no_signals(extra: int)
 
         scene = ph.Scene([ph.Spheres([[0, 0, 0]], 1.0)])
         look(scene, width=32, height=24)  # loads what it needs
-        most = _field(Path("/proc/self/status"), "VmSize:", 1024) + {extra} * 2**20
+        most = _field(lines("/proc/self/status"), "VmSize:", 1024) + {extra} * 2**20
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
         try:
             look(scene, width=800, height=600)

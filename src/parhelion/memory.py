@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from .errors import ResourceError, SceneError, option
-from .machine import cores_available
+from .machine import cores_available, lines
 
 # What the user allows the process to hold, in bytes
 _LIMIT: ContextVar[int | None] = ContextVar("memory limit", default=None)
@@ -140,13 +140,13 @@ if hasattr(os, "register_at_fork"):  # they end before a fork
 
 
 def _all(root: Path, threads: int) -> Iterator[Free]:
-    left = _field(_lines(root / "proc/meminfo"), "MemAvailable:", 1024)
+    left = _field(lines(root / "proc/meminfo"), "MemAvailable:", 1024)
     if left is not None:
         yield Free(left, "are free")
     for group in _groups(root):
         if group is not None:
             yield Free(group, "are left to the control group")
-    status, limits = _lines(root / "proc/self/status"), _lines(root / "proc/self/limits")
+    status, limits = lines(root / "proc/self/status"), lines(root / "proc/self/limits")
     limit, held = _LIMIT.get(), _field(status, "VmRSS:", 1024)
     if limit is not None:
         yield Free(max(0, limit - (held or 0)), f"are left of {option('memory_limit')}")
@@ -172,9 +172,9 @@ def _all(root: Path, threads: int) -> Iterator[Free]:
             yield Free(max(0, most - taken - new * each - _LIBRARY), of)
 
 
-def _limit(lines: list[str], name: str) -> int | None:
+def _limit(text: list[str], name: str) -> int | None:
     """A limit of the process's in bytes; None is no limit."""
-    for line in lines:
+    for line in text:
         if line.startswith(name):
             soft = line[len(name) :].split()[0]
             return int(soft) if soft.isdecimal() else None
@@ -184,7 +184,7 @@ def _limit(lines: list[str], name: str) -> int | None:
 def _groups(root: Path) -> Iterator[int | None]:
     """What this process's control groups, and those around them, have left; None is no limit."""
     v2, v1 = root / "sys/fs/cgroup", root / "sys/fs/cgroup/memory"
-    for line in _lines(root / "proc/self/cgroup"):
+    for line in lines(root / "proc/self/cgroup"):
         number, controllers, group = line.split(":", 2)
         if number != "0" and "memory" not in controllers.split(","):
             continue
@@ -199,35 +199,20 @@ def _groups(root: Path) -> Iterator[int | None]:
 
 
 def _free(folder: Path, limit: str, usage: str, cached: str) -> int | None:
-    most = " ".join(_lines(folder / limit))
+    most = " ".join(lines(folder / limit))
     if not most.isdecimal() or int(most) >= _NO_LIMIT:  # "max" is none either
         return None
-    used = " ".join(_lines(folder / usage))
+    used = " ".join(lines(folder / usage))
     if not used.isdecimal():
         return None
     # files that the system keeps in memory count as used, and make room when asked to
-    reclaimable = _field(_lines(folder / "memory.stat"), cached, 1) or 0
+    reclaimable = _field(lines(folder / "memory.stat"), cached, 1) or 0
     return max(0, int(most) - int(used) + reclaimable)
 
 
-def _field(lines: list[str], name: str, unit: int) -> int | None:
-    for line in lines:
+def _field(text: list[str], name: str, unit: int) -> int | None:
+    for line in text:
         words = line.split()
         if len(words) > 1 and words[0] == name:
             return int(words[1]) * unit
     return None
-
-
-def _lines(path: Path) -> list[str]:
-    # by the system's calls: a dozen files are read for each scene, however small
-    try:
-        file = os.open(path, os.O_RDONLY)
-    except OSError:
-        return []
-    try:
-        text = b"".join(iter(lambda: os.read(file, 2**16), b""))
-    except OSError:
-        return []
-    finally:
-        os.close(file)
-    return text.decode(errors="replace").splitlines()
