@@ -114,6 +114,28 @@ def test_what_comes_twice_counts_once(
 
 
 @pytest.mark.usefixtures("many_units")
+def test_answers_that_are_lost_are_asked_for_again(
+    client: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Dask drops an answer that it fails to fetch. The last ones, too, which all workers have."""
+    lost, once = [], distributed.as_completed.add
+
+    def add(self: Any, future: Any) -> None:
+        if len(lost) < 6 and random.random() < 0.3:
+            lost.append(future)
+        else:
+            once(self, future)
+
+    monkeypatch.setattr(distributed.as_completed, "add", add)
+    monkeypatch.setattr(dispatch, "LOOK", 0.02)
+    monkeypatch.setattr(dispatch, "_LATE_FIRST", 0.2)
+    made = ph.render(scene, cluster=client, threads=1, time_limit=60, **SIZE)
+    assert made.stats.ended == "spp"
+    assert len(lost) == 6
+    np.testing.assert_array_equal(made.numpy(), ph.render(scene, **SIZE).numpy())
+
+
+@pytest.mark.usefixtures("many_units")
 def test_checkpoints_go_from_machines_to_clusters_and_back(
     client: Any, scene: Any, tmp_path: Path
 ) -> None:
@@ -677,6 +699,16 @@ def test_who_may_listen_is_told(
     assert ("can be read and changed on the way" in caplog.text) == warned
 
 
+def test_workers_that_an_answer_left_out_are_not_gone(client: Any) -> None:
+    """Dask's client asks now and then for no workers, and shows the last answer to whoever asks."""
+    all_of_them = client.scheduler_info(n_workers=-1)
+    answers = [{**all_of_them, "workers": {}}, all_of_them]
+    asked = SimpleNamespace(scheduler_info=lambda **_: answers.pop(0))
+    assert places.workers_of(asked) == all_of_them["workers"]
+    assert len(all_of_them["workers"]) == 2
+    assert not answers
+
+
 def test_nobody_answers(scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(places, "_ANSWER", 0.2)
     with pytest.raises(ph.ResourceError, match=r"tcp://127.0.0.1:1: no scheduler answers"):
@@ -713,7 +745,7 @@ def with_samples(session: Session, spp: int) -> Any:
     """The session's picture, once each pixel has so many."""
     end = time.monotonic() + 60
     while (frame := session.finished()).spp < spp:
-        assert time.monotonic() < end
+        assert time.monotonic() < end, (frame.spp, session.state()["error"])
         time.sleep(0.01)
     return frame
 

@@ -20,6 +20,9 @@ EACH = 2
 # A unit that takes so many times as long as the slowest that came back is given to another worker
 # as well, and the first answer counts; before any came back, one that takes so many seconds.
 _LATE, _LATE_FIRST = 3.0, 10.0
+# Where there is no other worker, or each has it: one that takes so many times as long as that, then
+# twice as long again, and so on. Its answer may be lost: Dask drops one that it fails to fetch.
+_LOST = 5.0
 # Units in a row that a worker may fail at before others are preferred
 _FAILURES = 3
 
@@ -27,12 +30,13 @@ _FAILURES = 3
 @dataclass(eq=False)
 class Task:
     """A unit on its way. since: when it was last given to a worker, as of time.monotonic().
-    futures: by those who have it.
+    futures: of those who have it, by Dask's keys. waits: see _LOST.
     """
 
     unit: Unit
     since: float = 0.0
     futures: dict[str, Any] = field(default_factory=dict)
+    waits: float = _LOST
 
 
 class Dispatcher:
@@ -69,7 +73,7 @@ class Dispatcher:
         key = f"{self._name}-{task.unit.number}-{next(self._numbers)}"
         future = self._client.submit(render_unit, task.unit, key=key, pure=False, workers=[worker])
         task.since = time.monotonic()
-        task.futures[worker] = future
+        task.futures[key] = future
         self._tasks.add(task)
         self._by_key[key] = task, worker
         self._load[worker] += 1
@@ -88,10 +92,11 @@ class Dispatcher:
                 answers[task] = self._heard(task, worker, future, result)
         gone = self._load.keys() - self._roster.there
         for worker in gone:
-            theirs = sorted((t for t in self._tasks if worker in t.futures), key=lambda t: t.since)
-            for task in theirs:
-                self._without(task, worker)
-                answers[task] = None
+            keys = [key for key, (_, who) in self._by_key.items() if who == worker]
+            theirs = sorted({self._by_key[key][0] for key in keys}, key=lambda t: t.since)
+            for key in keys:
+                self._without(key)
+            answers.update(dict.fromkeys(theirs))
             # A unit may have ended its worker if that was at it, and no other went as well.
             if theirs and len(gone) == 1:
                 answers[theirs[0]] = Failed(worker, "its worker ended")
@@ -123,39 +128,42 @@ class Dispatcher:
             self._failing[worker] += 1
             if self._failing[worker] >= _FAILURES:
                 self._standing.add(worker)
-        self._without(task, worker)
+        self._without(future.key)
         return result if isinstance(result, Failed) else None
 
-    def _without(self, task: Task, worker: str) -> None:
+    def _without(self, key: str) -> None:
         """Takes a unit from a worker."""
         self.again += 1
-        self._release(task.futures.pop(worker), worker)
+        task = self._release(key)
         if not task.futures:
             self._tasks.discard(task)
 
     def _forget(self, task: Task) -> None:
-        for worker, future in task.futures.items():
-            self._release(future, worker)
+        for key in list(task.futures):
+            self._release(key)
         self._tasks.discard(task)
 
-    def _release(self, future: Any, worker: str) -> None:
-        self._by_key.pop(future.key, None)
+    def _release(self, key: str) -> Task:
+        task, worker = self._by_key.pop(key)
         self._load[worker] -= 1
+        future = task.futures.pop(key)
         if not future.done():  # else it waits for ever for a worker that is gone
             future.cancel()
+        return task
 
     def _help(self) -> None:
         """Gives what is late to other workers as well, and those who have it nothing more before
         they answer.
         """
-        late = time.monotonic() - (
-            max(_LATE * self._slowest, LOOK) if self._slowest else _LATE_FIRST
-        )
-        tasks = [task for task in self._tasks if task.since < late]
-        for task in tasks:
-            self._standing |= task.futures.keys()
-        for task in tasks:
-            others = self._roster.ready - self._standing - task.futures.keys()
+        now = time.monotonic()
+        late = max(_LATE * self._slowest, LOOK) if self._slowest else _LATE_FIRST
+        tasks = [task for task in self._tasks if task.since < now - late]
+        having = [{self._by_key[key][1] for key in task.futures} for task in tasks]
+        self._standing.update(*having)
+        for task, theirs in zip(tasks, having, strict=True):
+            others = self._roster.ready - self._standing - theirs
+            if not others and task.since < now - task.waits * late:
+                others, task.waits = self._roster.ready, 2.0 * task.waits
             if others:
                 self.again += 1
                 self.hand(task, min(others, key=self._load.__getitem__))

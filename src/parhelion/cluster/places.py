@@ -210,7 +210,7 @@ def _jobs(cluster: str, name: str) -> tuple[Any, Sequence[Exception]]:
 
 def _check_jobs(client: Any, refused: Sequence[Exception]) -> None:
     """Raises ResourceError where the batch system has taken no job."""
-    if refused and not client.scheduler_info(n_workers=1)["workers"]:
+    if refused and not workers_of(client):
         said = [line.strip() for line in str(refused[0]).splitlines() if line.strip()]
         raise ResourceError(f"SLURM took no job: {said[-1] if said else repr(refused[0])}")
 
@@ -270,9 +270,19 @@ def _go_direct(client: Any) -> None:
     """Has what is seen come straight from the workers, if they can be reached from here."""
     if client.direct_to_workers is not None:
         return
-    workers = list(client.scheduler_info(n_workers=1)["workers"])
-    if workers:
-        client.direct_to_workers = reaches(workers[0]) or None
+    for worker in workers_of(client):
+        client.direct_to_workers = reaches(worker) or None
+        return
+
+
+def workers_of(client: Any) -> dict[str, Any]:
+    """What Dask tells of a cluster's workers, by their addresses."""
+    while True:
+        told = client.scheduler_info(n_workers=-1)
+        workers: dict[str, Any] = told["workers"]
+        # The client's own watch, which asks for no workers, may have put its answer over this one.
+        if len(workers) >= told.get("n_workers", 0):
+            return workers
 
 
 def reaches(address: str) -> bool:

@@ -20,7 +20,7 @@ from typing import Any
 
 from ..errors import ResourceError, SceneError
 from . import worker as worker_module
-from .places import is_here, reaches
+from .places import is_here, reaches, workers_of
 from .scenes import packed
 from .worker import Absent, Picture, WrongBuild, greet, keep, read
 
@@ -158,7 +158,7 @@ class Roster:
     def _call(self) -> None:
         if self._client.status != "running":
             raise ResourceError("the cluster's scheduler is gone")
-        told = self._client.scheduler_info(n_workers=-1)["workers"]
+        told = workers_of(self._client)
         # one that Dask has paused, for want of memory, does nothing
         there = frozenset(a for a, w in told.items() if w.get("status", "running") == "running")
         for address in self.there - there:
