@@ -733,6 +733,14 @@ MEMINFO = "MemTotal:   9000 kB\nMemFree:   10 kB\nMemAvailable:    4000 kB\n"
             },
             1500100,
         ),
+        (
+            {  # version 1, as where there is no limit
+                "proc/self/cgroup": "4:memory:/\n",
+                "sys/fs/cgroup/memory/memory.limit_in_bytes": "9223372036854771712\n",
+                "sys/fs/cgroup/memory/memory.usage_in_bytes": "9000000\n",
+            },
+            None,
+        ),
     ],
 )
 def test_memory_that_may_be_taken(

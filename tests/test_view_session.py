@@ -211,6 +211,16 @@ def test_a_changed_parameter_gives_the_picture_of_the_changed_scene(
     assert np.array_equal(settled(session).pixels, ph.render(scene(), spp=4).pixels)
 
 
+def test_what_is_worked_out_of_a_material_follows_its_changes() -> None:
+    with Session(changed(ball=ph.Material("plastic", ior=1.3)), spp=4) as session:
+        now: dict[str, float] = {"ior": 1.3}
+        for name, value in (("ior", 2.2), ("roughness", 0.4), ("ior", 1.5), ("roughness", 0.0)):
+            session.change("materials", 0, name, value).result(10)
+            now[name] = value
+            same = changed(ball=ph.Material("plastic", **now))
+            assert np.array_equal(settled(session).pixels, ph.render(same, spp=4).pixels)
+
+
 def test_changes_without_end_do_not_stall_the_picture(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -56,12 +56,14 @@ inline float let_in(const Plastic& m, const Coat& c, Vec3 w) {
 
 // Share that the coat's inside throws back.
 inline float thrown_back(const Plastic& m, const Coat& c) {
-  if (m.inside > 0.0f) return m.inside;
   const bool once = !c.smooth && m.compensation > 0.5f;
   return once ? coat_mean_within(c) : 1.0f - (1.0f - coat_mean(c)) / (m.ior * m.ior);
 }
 
 inline void derive(Plastic& m) { m.inside = thrown_back(m, coat(m)); }
+inline float inside(const Plastic& m, const Coat& c) {
+  return m.inside > 0.0f ? m.inside : thrown_back(m, c);
+}
 
 struct PlasticValue {
   Vec3 value;  // f |cos|, without a smooth coat's mirror image
@@ -174,7 +176,7 @@ template <Facets kDistribution>
 inline auto from(const RoughPlastic<kDistribution>& m, Vec3 wo) {
   const Plastic whole = m.whole();
   const Coat c = coat(whole);
-  return typename RoughPlastic<kDistribution>::From{let_in(whole, c, wo), thrown_back(whole, c)};
+  return typename RoughPlastic<kDistribution>::From{let_in(whole, c, wo), inside(whole, c)};
 }
 template <Facets kDistribution>
 inline auto to(const RoughPlastic<kDistribution>& m, Vec3 wi) {
@@ -240,7 +242,7 @@ struct SeenPlastic {
 inline SeenPlastic prepare(const Plastic& m, Vec3 wo) {
   const Coat c = coat(m);
   const float through = let_in(m, c, wo);
-  return {c, through, thrown_back(m, c), coat_chance(m.color, m.specular, through)};
+  return {c, through, inside(m, c), coat_chance(m.color, m.specular, through)};
 }
 
 PH_INLINE SmoothPlastic smooth_plastic(const Plastic& m, const SeenPlastic& seen) {

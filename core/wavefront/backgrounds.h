@@ -61,6 +61,7 @@ inline void add_backgrounds(const SceneView& scene, const RenderView& view, u32 
       if constexpr (requires(Rows<LightSight, kBatch>& sights) {
                       seen(light, record, scene.tables, lanes, lanes, p.direction, sights);
                     }) {
+        static_assert(!requires { Light::smooth; });  // else some give no light samples
         Rows<LightSight, kBatch> sights;
         if (seen(light, record, scene.tables, lanes, weighed, p.direction, sights)) {
           add_sights(sights, scene.outside_share * record.share, these, view.clamp_indirect, p);

@@ -42,7 +42,7 @@ def describe() -> dict[str, Any]:
 
 def lines(path: str | os.PathLike[str]) -> list[str]:
     """Of one of the system's files; none where it cannot be read."""
-    # By the system's calls: a dozen files are read for each scene, however small.
+    # By the system's calls: some nine files are read for each scene and picture, however small.
     try:
         file = os.open(path, os.O_RDONLY)
     except OSError:
