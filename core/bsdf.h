@@ -30,7 +30,9 @@
 //                           once a compiler knows the parameters that F lacks;
 //                           or, if more of tables is needed than F::of looks up, there are
 //     F::From, F::To        of floats: what tables have of wo, and of wi
-//     from(f, wo), to(f, wi)          look it up, for one path after the other
+//     F::FromPlace, F::ToPlace        of floats: where they have it
+//     place_from(f, wo), place_to(f, wi)      find that, without branches
+//     from(f, place), to(f, place)    look it up, for one path after the other
 //     evaluate(f, from, to, wo, wi)
 //     choose(f, from, wo, u, wi)      the direction of a sample; false where the path ends
 //     gloss(f, wo), or, with tables, gloss(f, from, wo)      if it has any: Gloss (microfacet.h)
@@ -135,6 +137,14 @@ PH_INLINE void for_each_plain_form(F&& f) {
 
 template <class Form>
 concept NeedsTables = requires { typename Form::From; };
+template <NeedsTables Form>
+PH_INLINE typename Form::From from(const Form& form, Vec3 wo) {
+  return from(form, place_from(form, wo));
+}
+template <NeedsTables Form>
+PH_INLINE typename Form::To to(const Form& form, Vec3 wi) {
+  return to(form, place_to(form, wi));
+}
 
 // Forms that tell how much of what they scatter is gloss.
 template <class Form>

@@ -6,6 +6,7 @@
 #define PH_INLINE __forceinline__
 #define PH_APART
 #define PH_TABLE __device__ const  // an array of constants
+#define PH_UNROLL _Pragma("unroll")
 
 namespace parhelion::compiler {
 PH_INLINE float sqrt(float x) { return ::sqrtf(x); }
@@ -29,6 +30,9 @@ PH_INLINE void prefetch(const void*) {}  // other threads work meanwhile
 // where it is called.
 #define PH_APART [[gnu::noinline]]
 #define PH_TABLE inline constexpr  // an array of constants
+// Before a short loop that is to be none, so that structs whose numbers it goes over are none
+// either
+#define PH_UNROLL _Pragma("GCC unroll 32")
 
 namespace parhelion::compiler {
 PH_INLINE float sqrt(float x) { return __builtin_sqrtf(x); }

@@ -10,6 +10,13 @@ namespace parhelion::PH_ISA {
 PH_INLINE float min(float a, float b) { return a < b ? a : b; }
 PH_INLINE float max(float a, float b) { return a > b ? a : b; }
 PH_INLINE float clamp(float x, float low, float high) { return max(low, min(x, high)); }
+// For low >= 0, by the order of whole numbers, which that of such floats' bits is: compilers work
+// out apart what follows on the bounds of the other, in branches that loops do not survive.
+PH_INLINE float clamp_positive(float x, float low, float high) {
+  const int least = __builtin_bit_cast(int, low), most = __builtin_bit_cast(int, high);
+  const int bits = __builtin_bit_cast(int, x), below = bits < most ? bits : most;
+  return __builtin_bit_cast(float, below > least ? below : least);
+}
 PH_INLINE float abs(float x) { return compiler::abs(x); }
 PH_INLINE float sqrt(float x) { return compiler::sqrt(x); }
 PH_INLINE float safe_sqrt(float x) { return sqrt(max(x, 0.0f)); }

@@ -31,7 +31,8 @@ struct Microfacets {
 PH_INLINE Microfacets microfacets(float roughness, float anisotropy, float distribution) {
   const float alpha = roughness * roughness;
   const float q = sqrt((1.0f - anisotropy) / (1.0f + anisotropy));
-  return {clamp(alpha / q, kSmoothAlpha, 1.0f), clamp(alpha * q, kSmoothAlpha, 1.0f),
+  return {clamp_positive(alpha / q, kSmoothAlpha, 1.0f),
+          clamp_positive(alpha * q, kSmoothAlpha, 1.0f),
           distribution < 0.5f ? Facets::ggx : Facets::beckmann};
 }
 
@@ -162,15 +163,15 @@ PH_INLINE Gloss gloss_of(const Microfacets& d, float share, float matte, Vec3 wo
 
 // x in [0, 1] among n nodes by the cubic through the four around it.
 struct Cubic {
-  u32 first;
+  float first;  // a whole number
   float weight[4];
 };
 
-inline Cubic cubic(float x, u32 n) {
-  const float at = clamp(x, 0.0f, 1.0f) * static_cast<float>(n - 1);
-  const u32 whole = static_cast<u32>(at), k = whole > 1 ? whole - 1 : 0;
-  const u32 first = k < n - 4 ? k : n - 4;
-  const float a = at - static_cast<float>(first), b = a - 1.0f, c = a - 2.0f, d = a - 3.0f;
+PH_INLINE Cubic cubic(float x, u32 n) {
+  const float at = clamp_positive(x, 0.0f, 1.0f) * static_cast<float>(n - 1);
+  const float whole = static_cast<float>(static_cast<int>(at));
+  const float first = clamp_positive(whole - 1.0f, 0.0f, static_cast<float>(n - 4));
+  const float a = at - first, b = a - 1.0f, c = a - 2.0f, d = a - 3.0f;
   return {
       first,
       {b * c * d * (-1.0f / 6.0f), a * c * d * 0.5f, a * b * d * -0.5f, a * b * c * (1.0f / 6.0f)}};
@@ -184,7 +185,7 @@ PH_INLINE Quad neighbours(const T* table) {
 }
 template <class T, class... Rest>
 PH_INLINE Quad neighbours(const T* table, u32 stride, const Cubic& x, const Rest&... rest) {
-  table += x.first * stride;
+  table += static_cast<u32>(x.first) * stride;
   Quad sum = neighbours(table, rest...) * x.weight[0];
   for (u32 i = 1; i < 4; ++i) {
     sum = sum + neighbours(table + i * stride, rest...) * x.weight[i];
@@ -197,7 +198,7 @@ PH_INLINE Quad neighbours(const T* table, u32 stride, const Cubic& x, const Rest
 template <class T, class... Rest>
 inline float grid(const T* table, const Cubic& last, const Rest&... others) {
   float value[4];
-  store(value, neighbours(table + last.first, others...));
+  store(value, neighbours(table + static_cast<u32>(last.first), others...));
   return (last.weight[0] * value[0] + last.weight[1] * value[1] + last.weight[2] * value[2] +
           last.weight[3] * value[3]) *
          0x1p-15f;
@@ -206,14 +207,14 @@ inline float grid(const T* table, const Cubic& last, const Rest&... others) {
 PH_INLINE float mean(Vec3 c) { return (c.x + c.y + c.z) * (1.0f / 3.0f); }
 
 // The fourth root of ln(eta) / ln(10): indices near 1 need the most nodes.
-inline float index_coordinate(float eta) {
-  return sqrt(sqrt(max(log(eta), 0.0f) * (1.0f / kLogMaxIndex)));
+PH_INLINE float index_coordinate(float eta) {
+  return sqrt(sqrt(log_within(clamp_positive(eta, 1.0f, kInfinity)) * (1.0f / kLogMaxIndex)));
 }
 
 PH_INLINE float angle_coordinate(float cosine, float alpha) {
   const float z = abs(cosine), width = 2.0f * alpha, scale = 1.0f / (z + width);
   const float grazing = sqrt(z * (1.0f + width) * scale);
-  const float steep = safe_sqrt(width * (1.0f - z) * scale);
+  const float steep = sqrt(clamp_positive(width * (1.0f - z) * scale, 0.0f, kInfinity));
   return (grazing + kBend * (1.0f - steep)) * (1.0f / (1.0f + kBend));
 }
 
@@ -252,12 +253,23 @@ inline float stretched_escape(const Microfacets& d, Vec3 w) {
               cubic(azimuth, kStretchedAzimuths));
 }
 
+// Where the tables of isotropic metal have the light from w
+struct MetalPlace {
+  Cubic angle, alpha;
+};
+PH_INLINE MetalPlace metal_place(const Microfacets& d, Vec3 w) {
+  return {cubic(angle_coordinate(w.z, d.alpha_u), kMetalAngles),
+          cubic(sqrt(d.alpha_u), kMetalAlphas)};
+}
+
 // Reflection by metal times metal_gain(wo) metal_gain(wi) loses nothing, and is reciprocal.
+inline float metal_gain(Facets distribution, const MetalPlace& at) {
+  const u16* table = kMetalEscape + static_cast<u32>(distribution) * kMetalAlphas * kMetalAngles;
+  return 1.0f / grid(table, at.angle, kMetalAngles, at.alpha);
+}
 inline float metal_gain(const Microfacets& d, Vec3 w) {
-  if (!isotropic(d)) return 1.0f / stretched_escape(d, w);
-  const u16* table = kMetalEscape + static_cast<u32>(d.distribution) * kMetalAlphas * kMetalAngles;
-  const Cubic x = cubic(angle_coordinate(w.z, d.alpha_u), kMetalAngles);
-  return 1.0f / grid(table, x, kMetalAngles, cubic(sqrt(d.alpha_u), kMetalAlphas));
+  return isotropic(d) ? metal_gain(d.distribution, metal_place(d, w))
+                      : 1.0f / stretched_escape(d, w);
 }
 
 // Shares of the light from w, above the surface, that go each way in single bounces; eta is the
@@ -351,38 +363,55 @@ struct Coat {
   Cubic index, alpha;
 };
 
-inline Coat make_coat(const Microfacets& d, float eta) {
+PH_INLINE Coat make_coat(const Microfacets& d, float eta) {
   const float place = index_coordinate(eta);
   return {d, eta, place, smooth(d), cubic(place, kIndices), cubic(sqrt(d.alpha_u), kCoatAlphas)};
 }
 
 // What facets all at one angle would reflect, about as much as a rough coat does,
-PH_INLINE float coat_share(const Coat& c, float z) {
+PH_INLINE float rough_coat_share(const Coat& c, float z) {
   const float alpha = c.facets.alpha_u, sine2 = 1.0f - z * z;
-  return fresnel_dielectric(c.smooth ? z : sqrt(z * z + alpha * alpha * sine2), c.eta).reflected;
+  return fresnel_dielectric(sqrt(z * z + alpha * alpha * sine2), c.eta).reflected;
 }
-// and by how much an isotropic one differs from that.
+PH_INLINE float coat_share(const Coat& c, float z) {
+  return c.smooth ? fresnel_dielectric(z, c.eta).reflected : rough_coat_share(c, z);
+}
+// and where the tables are that say by how much a rough and isotropic one differs from that.
+struct CoatPlace {
+  float share;
+  Cubic angle, index, alpha;
+};
+PH_INLINE CoatPlace coat_place(const Coat& c, Vec3 w) {
+  const float z = clamp_positive(abs(w.z), 0.0f, 1.0f);
+  return {rough_coat_share(c, z), cubic(angle_coordinate(z, c.facets.alpha_u), kCoatAngles),
+          c.index, c.alpha};
+}
 template <class T>
-PH_INLINE float coat_less(const Coat& c, float z, const T* table) {
+PH_INLINE float coat_less(Facets distribution, const CoatPlace& at, const T* table) {
   constexpr u32 kRow = kCoatAngles, kPage = kCoatAlphas * kRow;
-  return grid(table + static_cast<u32>(c.facets.distribution) * kIndices * kPage,
-              cubic(angle_coordinate(z, c.facets.alpha_u), kCoatAngles), kPage, c.index, kRow,
-              c.alpha);
+  return grid(table + static_cast<u32>(distribution) * kIndices * kPage, at.angle, kPage, at.index,
+              kRow, at.alpha);
 }
 
 // The share of the light from w, on either side, that a coat reflects,
+inline float coat_reflected(Facets distribution, const CoatPlace& at) {
+  return clamp(at.share - coat_less(distribution, at, kCoatReflected), 0.0f, 1.0f);
+}
 inline float coat_reflected(const Coat& c, Vec3 w) {
-  const float z = min(abs(w.z), 1.0f), share = coat_share(c, z);
-  if (c.smooth) return share;
+  const float z = min(abs(w.z), 1.0f);
+  if (c.smooth) return coat_share(c, z);
   if (!isotropic(c.facets)) {
     return count_bounces(c.facets, {w.x, w.y, z}, c.eta, false).reflected;
   }
-  return clamp(share - coat_less(c, z, kCoatReflected), 0.0f, 1.0f);
+  return coat_reflected(c.facets.distribution, coat_place(c, w));
 }
 // and the share that an isotropic one lets in, in single bounces.
+inline float coat_refracted(Facets distribution, const CoatPlace& at) {
+  return clamp(1.0f - at.share - coat_less(distribution, at, kCoatRefracted), 0.0f, 1.0f);
+}
 inline float coat_refracted(const Coat& c, Vec3 w) {
-  const float z = min(abs(w.z), 1.0f), rest = 1.0f - coat_share(c, z);
-  return c.smooth ? rest : clamp(rest - coat_less(c, z, kCoatRefracted), 0.0f, 1.0f);
+  return c.smooth ? 1.0f - coat_share(c, min(abs(w.z), 1.0f))
+                  : coat_refracted(c.facets.distribution, coat_place(c, w));
 }
 
 // The means over diffuse light, of isotropic coats: of what is reflected of light from outside,

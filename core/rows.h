@@ -18,14 +18,14 @@ struct Rows {
     static_assert(sizeof(Part) <= sizeof(T));
     Part t;
     float* number = reinterpret_cast<float*>(&t);
-    for (u32 k = 0; k < sizeof(Part) / sizeof(float); ++k) number[k] = row[k][i];
+    PH_UNROLL for (u32 k = 0; k < sizeof(Part) / sizeof(float); ++k) number[k] = row[k][i];
     return t;
   }
   template <class Part>
   PH_INLINE void set(u32 i, const Part& t) {
     static_assert(sizeof(Part) <= sizeof(T));
     const float* number = reinterpret_cast<const float*>(&t);
-    for (u32 k = 0; k < sizeof(Part) / sizeof(float); ++k) row[k][i] = number[k];
+    PH_UNROLL for (u32 k = 0; k < sizeof(Part) / sizeof(float); ++k) row[k][i] = number[k];
   }
 };
 

@@ -47,7 +47,7 @@ PH_INLINE bool is_delta(const Plastic&) { return false; }
 PH_INLINE Microfacets facets(const Plastic& m) {
   return microfacets(m.roughness, 0.0f, m.distribution);
 }
-inline Coat coat(const Plastic& m) { return make_coat(facets(m), m.ior); }
+PH_INLINE Coat coat(const Plastic& m) { return make_coat(facets(m), m.ior); }
 
 // What the coat lets in of the light from w, on either side.
 inline float let_in(const Plastic& m, const Coat& c, Vec3 w) {
@@ -61,8 +61,8 @@ inline float thrown_back(const Plastic& m, const Coat& c) {
 }
 
 inline void derive(Plastic& m) { m.inside = thrown_back(m, coat(m)); }
-inline float inside(const Plastic& m, const Coat& c) {
-  return m.inside > 0.0f ? m.inside : thrown_back(m, c);
+inline float inside(const Plastic& m) {
+  return m.inside > 0.0f ? m.inside : thrown_back(m, coat(m));
 }
 
 struct PlasticValue {
@@ -91,8 +91,7 @@ struct SmoothPlastic {
 
   PH_INLINE static bool fits(const Plastic& m) { return smooth(facets(m)); }
   PH_INLINE static SmoothPlastic of(const Plastic& m) {
-    const float inside = m.inside > 0.0f ? m.inside : thrown_back(m, coat(m));
-    return {m.color, m.specular, m.ior, m.nonlinear, inside, m.mirror_pull};
+    return {m.color, m.specular, m.ior, m.nonlinear, PH_ISA::inside(m), m.mirror_pull};
   }
   PH_INLINE SmoothPlastic whole() const { return *this; }
 };
@@ -158,6 +157,8 @@ struct RoughPlastic {
   struct To {
     float let_in;
   };
+  using FromPlace = CoatPlace;
+  using ToPlace = CoatPlace;
 
   PH_INLINE static bool fits(const Plastic& m) {
     const Microfacets d = facets(m);
@@ -173,15 +174,22 @@ struct RoughPlastic {
 };
 
 template <Facets kDistribution>
-inline auto from(const RoughPlastic<kDistribution>& m, Vec3 wo) {
-  const Plastic whole = m.whole();
-  const Coat c = coat(whole);
-  return typename RoughPlastic<kDistribution>::From{let_in(whole, c, wo), inside(whole, c)};
+PH_INLINE CoatPlace place_to(const RoughPlastic<kDistribution>& m, Vec3 wi) {
+  return coat_place(coat(m.whole()), wi);
 }
 template <Facets kDistribution>
-inline auto to(const RoughPlastic<kDistribution>& m, Vec3 wi) {
-  const Plastic whole = m.whole();
-  return typename RoughPlastic<kDistribution>::To{let_in(whole, coat(whole), wi)};
+PH_INLINE CoatPlace place_from(const RoughPlastic<kDistribution>& m, Vec3 wo) {
+  return place_to(m, wo);
+}
+template <Facets kDistribution>
+inline auto to(const RoughPlastic<kDistribution>& m, const CoatPlace& at) {
+  const float let_in = m.compensation < 0.5f ? 1.0f - coat_reflected(kDistribution, at)
+                                             : coat_refracted(kDistribution, at);
+  return typename RoughPlastic<kDistribution>::To{let_in};
+}
+template <Facets kDistribution>
+inline auto from(const RoughPlastic<kDistribution>& m, const CoatPlace& at) {
+  return typename RoughPlastic<kDistribution>::From{to(m, at).let_in, inside(m.whole())};
 }
 
 template <Facets kDistribution>
@@ -242,7 +250,7 @@ struct SeenPlastic {
 inline SeenPlastic prepare(const Plastic& m, Vec3 wo) {
   const Coat c = coat(m);
   const float through = let_in(m, c, wo);
-  return {c, through, inside(m, c), coat_chance(m.color, m.specular, through)};
+  return {c, through, inside(m), coat_chance(m.color, m.specular, through)};
 }
 
 PH_INLINE SmoothPlastic smooth_plastic(const Plastic& m, const SeenPlastic& seen) {

@@ -188,8 +188,8 @@ PH_INLINE void add_base(const Base& b, const Microfacets& facets, float ior, Vec
 
 // The body is matte from behind, and within what is denser, too.
 PH_INLINE float gloss_index(float ior) { return max(ior, 1.0f / ior); }
-inline float gloss_reflected(const Microfacets& facets, float ior, Vec3 wo) {
-  return coat_reflected(make_coat(facets, gloss_index(ior)), wo);
+PH_INLINE Coat gloss_coat(const Microfacets& facets, float ior) {
+  return make_coat(facets, gloss_index(ior));
 }
 
 // What most surfaces are: the base alone, opaque and isotropic.
@@ -204,6 +204,11 @@ struct PlainPrincipled {
   struct To {
     float gain;
   };
+  struct FromPlace {
+    MetalPlace metal;
+    CoatPlace gloss;
+  };
+  using ToPlace = MetalPlace;
 
   PH_INLINE static bool fits(const Principled& m) {
     return m.transmission == 0.0f && m.clearcoat == 0.0f && black(m.sheen_color) &&
@@ -231,11 +236,17 @@ PH_INLINE LobeChances lobes(const PlainPrincipled& m, const PlainPrincipled::Fro
   return lobes(base(m, seen));
 }
 
-inline PlainPrincipled::To to(const PlainPrincipled& m, Vec3 wi) {
-  return {m.metallic > 0.0f ? metal_gain(facets(m), wi) : 1.0f};
+PH_INLINE MetalPlace place_to(const PlainPrincipled& m, Vec3 wi) {
+  return metal_place(facets(m), wi);
 }
-inline PlainPrincipled::From from(const PlainPrincipled& m, Vec3 wo) {
-  return {to(m, wo).gain, m.metallic < 1.0f ? gloss_reflected(facets(m), m.ior, wo) : 0.0f};
+PH_INLINE PlainPrincipled::FromPlace place_from(const PlainPrincipled& m, Vec3 wo) {
+  return {place_to(m, wo), coat_place(gloss_coat(facets(m), m.ior), wo)};
+}
+inline PlainPrincipled::To to(const PlainPrincipled& m, const MetalPlace& at) {
+  return {m.metallic > 0.0f ? metal_gain(Facets::ggx, at) : 1.0f};
+}
+inline PlainPrincipled::From from(const PlainPrincipled& m, const PlainPrincipled::FromPlace& at) {
+  return {to(m, at.metal).gain, m.metallic < 1.0f ? coat_reflected(Facets::ggx, at.gloss) : 0.0f};
 }
 
 PH_INLINE BsdfValue evaluate(const PlainPrincipled& m, const PlainPrincipled::From& seen,
@@ -257,7 +268,7 @@ PH_INLINE Gloss gloss(const PlainPrincipled& m, const PlainPrincipled::From& see
 }
 
 inline float let_out(const PlainPrincipled& m, Vec3 wo) {
-  return m.metallic < 1.0f ? 1.0f - gloss_reflected(facets(m), m.ior, wo) : 0.0f;
+  return m.metallic < 1.0f ? 1.0f - coat_reflected(gloss_coat(facets(m), m.ior), wo) : 0.0f;
 }
 PH_INLINE Vec3 matte(const PlainPrincipled& m, const PlainPrincipled::From& seen,
                      const PlainPrincipled::To&, Vec3 wo, Vec3 wi) {
@@ -343,7 +354,7 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   const float dull = other * (1.0f - m.transmission), clear = other * m.transmission;
   const float bare = 1.0f - m.iridescence;
   const float gloss_eta = gloss_index(ior);
-  const float gloss_share = dull > 0.0f ? gloss_reflected(l.facets, ior, l.wo) : 0.0f;
+  const float gloss_share = dull > 0.0f ? coat_reflected(gloss_coat(l.facets, ior), l.wo) : 0.0f;
   Vec3 on_metal = {0, 0, 0}, on_other = {0, 0, 0};
   if (m.iridescence > 0.0f) {
     on_metal = film_albedo(l.wo.z, m.iridescence_ior, m.iridescence_thickness,

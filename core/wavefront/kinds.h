@@ -38,11 +38,34 @@ PH_INLINE void plain_and_others(const Kinds& kinds, u32 lanes, Together&& togeth
   for_each_bit(others, alone);
 }
 
-// What tables have of directions, for plain forms that need them.
+// What tables have of directions, for plain forms that need them: of local_wo,
+template <NeedsTables Form>
+PH_APART inline void find_places_from(const PlainSurfaces& __restrict v,
+                                      Rows<typename Form::FromPlace, kBatch>& __restrict places) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    places.set(k, place_from(v.plain.at<Form>(k), v.local_wo.at(k)));
+  }
+}
+template <NeedsTables Form>
+inline void look_up_from(u32 lanes, PlainSurfaces& v) {
+  Rows<typename Form::FromPlace, kBatch> places;
+  find_places_from<Form>(v, places);
+  for_each_bit(lanes, [&](u32 k) { v.from.set(k, from(v.plain.at<Form>(k), places.at(k))); });
+}
+
+// and of others.
+template <NeedsTables Form>
+PH_APART inline void find_places_to(const PlainSurfaces& __restrict v,
+                                    const Rows<Vec3, kBatch>& __restrict wi,
+                                    Rows<typename Form::ToPlace, kBatch>& __restrict places) {
+  for (u32 k = 0; k < kBatch; ++k) places.set(k, place_to(v.plain.at<Form>(k), wi.at(k)));
+}
 template <NeedsTables Form>
 inline void look_up(u32 lanes, const PlainSurfaces& v, const Rows<Vec3, kBatch>& wi,
                     Rows<TableBlock, kBatch>& tables) {
-  for_each_bit(lanes, [&](u32 k) { tables.set(k, to(v.plain.at<Form>(k), wi.at(k))); });
+  Rows<typename Form::ToPlace, kBatch> places;
+  find_places_to<Form>(v, wi, places);
+  for_each_bit(lanes, [&](u32 k) { tables.set(k, to(v.plain.at<Form>(k), places.at(k))); });
 }
 
 // What surfaces of one plain form scatter from wo towards wi.

@@ -129,15 +129,18 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
         if (is_plain || !Form::fits(material)) return;
         is_plain = true;
         kinds.plain[number] |= 1u << k;
-        const Form form = Form::of(material);
-        v.plain.set(k, form);
-        if constexpr (NeedsTables<Form>) v.from.set(k, from(form, v.local_wo.at(k)));
-        if constexpr (HasGloss<Form>) {
-          if (chooses_lights(scene)) turn_to_gloss<Form>(k, v);
-        }
+        v.plain.set(k, Form::of(material));
       });
       if constexpr (Prepares<Material>) {
         if (!is_plain) v.prepared[k].set(prepare(material, v.local_wo.at(k)));
+      }
+    });
+    for_each_plain_form<Material>([&]<class Form>(u32 number) {
+      const u32 plain = own & kinds.plain[number];
+      if (plain == 0) return;
+      if constexpr (NeedsTables<Form>) look_up_from<Form>(plain, v);
+      if constexpr (HasGloss<Form>) {
+        if (chooses_lights(scene)) for_each_bit(plain, [&](u32 k) { turn_to_gloss<Form>(k, v); });
       }
     });
   });
