@@ -30,8 +30,7 @@ PH_INLINE void prefetch(const void*) {}  // other threads work meanwhile
 // where it is called.
 #define PH_APART [[gnu::noinline]]
 #define PH_TABLE inline constexpr  // an array of constants
-// Before a short loop that is to be none, so that structs whose numbers it goes over are none
-// either
+// Before a short loop over a struct's numbers: unrolled, it leaves the struct in registers.
 #define PH_UNROLL _Pragma("GCC unroll 32")
 
 namespace parhelion::compiler {

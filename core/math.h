@@ -10,8 +10,9 @@ namespace parhelion::PH_ISA {
 PH_INLINE float min(float a, float b) { return a < b ? a : b; }
 PH_INLINE float max(float a, float b) { return a > b ? a : b; }
 PH_INLINE float clamp(float x, float low, float high) { return max(low, min(x, high)); }
-// For low >= 0, by the order of whole numbers, which that of such floats' bits is: compilers work
-// out apart what follows on the bounds of the other, in branches that loops do not survive.
+// The same for low >= 0, by bits, whose order as whole numbers is that of floats which are not
+// negative; a NaN counts as low or high by its sign. Of clamp compilers make branches, to work out
+// apart what follows on a bound, and loops with branches are no vectors.
 PH_INLINE float clamp_positive(float x, float low, float high) {
   const int least = __builtin_bit_cast(int, low), most = __builtin_bit_cast(int, high);
   const int bits = __builtin_bit_cast(int, x), below = bits < most ? bits : most;

@@ -376,7 +376,7 @@ PH_INLINE float rough_coat_share(const Coat& c, float z) {
 PH_INLINE float coat_share(const Coat& c, float z) {
   return c.smooth ? fresnel_dielectric(z, c.eta).reflected : rough_coat_share(c, z);
 }
-// and where the tables are that say by how much a rough and isotropic one differs from that.
+// and where in the tables it says by how much a rough and isotropic one differs from that.
 struct CoatPlace {
   float share;
   Cubic angle, index, alpha;

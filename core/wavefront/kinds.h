@@ -63,6 +63,7 @@ PH_APART inline void find_places_to(const PlainSurfaces& __restrict v,
 template <NeedsTables Form>
 inline void look_up(u32 lanes, const PlainSurfaces& v, const Rows<Vec3, kBatch>& wi,
                     Rows<TableBlock, kBatch>& tables) {
+  if (lanes == 0) return;
   Rows<typename Form::ToPlace, kBatch> places;
   find_places_to<Form>(v, wi, places);
   for_each_bit(lanes, [&](u32 k) { tables.set(k, to(v.plain.at<Form>(k), places.at(k))); });

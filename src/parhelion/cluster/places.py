@@ -28,6 +28,8 @@ _MOST = 4096
 _ANSWER = 10
 # Seconds that a worker has to be reached without its scheduler
 _REACH = 2.0
+# How often in a row a scheduler is asked for its workers
+_ASKED = 3
 # Before Python 3.11 asyncio's is another
 TIMEOUTS = (TimeoutError, asyncio.TimeoutError, concurrent.futures.TimeoutError)
 
@@ -270,19 +272,25 @@ def _go_direct(client: Any) -> None:
     """Has what is seen come straight from the workers, if they can be reached from here."""
     if client.direct_to_workers is not None:
         return
-    for worker in workers_of(client):
+    worker = next(iter(workers_of(client)), None)
+    if worker is not None:
         client.direct_to_workers = reaches(worker) or None
-        return
 
 
 def workers_of(client: Any) -> dict[str, Any]:
-    """What Dask tells of a cluster's workers, by their addresses."""
-    while True:
+    """What Dask tells of a cluster's workers, by their addresses. Raises ResourceError where the
+    scheduler is gone.
+    """
+    workers: dict[str, Any] = {}
+    # The client's own watch, which asks for few workers or none, may put its answer over ours.
+    for _ in range(_ASKED):
+        if client.status != "running":
+            raise ResourceError("the cluster's scheduler is gone")
         told = client.scheduler_info(n_workers=-1)
-        workers: dict[str, Any] = told["workers"]
-        # The client's own watch, which asks for no workers, may have put its answer over this one.
+        workers = told.get("workers", {})
         if len(workers) >= told.get("n_workers", 0):
-            return workers
+            break
+    return workers
 
 
 def reaches(address: str) -> bool:

@@ -156,8 +156,6 @@ class Roster:
         raise ResourceError(f"the worker {address} does not work: {error}") from error
 
     def _call(self) -> None:
-        if self._client.status != "running":
-            raise ResourceError("the cluster's scheduler is gone")
         told = workers_of(self._client)
         # one that Dask has paused, for want of memory, does nothing
         there = frozenset(a for a, w in told.items() if w.get("status", "running") == "running")
