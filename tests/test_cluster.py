@@ -525,12 +525,18 @@ def test_workers_with_another_build_are_refused(scene: Any) -> None:
 
 def test_a_picture_that_is_ended_early_is_about_even(client: Any, scene: Any) -> None:
     """The first units of 48 tiles are short, and later ones bring each to four times as many."""
+    seen: list[ph.Progress] = []
+
+    def ended(state: ph.Progress) -> bool:
+        seen.append(state)
+        return state.crew is not None and state.crew.units >= 100
+
     size = {"width": 512, "height": 384, "spp": 100_000}
-    image = ph.render(scene, cluster=client, threads=1, time_limit=4, **size)
-    assert image.stats.ended == "time"
+    image = ph.render(scene, cluster=client, threads=1, time_limit=40, progress=ended, **size)
+    assert image.stats.ended == "stopped", seen[-1]
     least, most = np.percentile(image.counts, [0, 100])
-    assert least > 0
-    assert most / least < 12
+    assert least > 0, seen[-1]
+    assert most / least < 12, seen[-1]
 
 
 @pytest.mark.usefixtures("many_units")
