@@ -99,7 +99,7 @@ def error(rows: Rows) -> Figure | None:
 
 
 def rays(rows: Rows) -> Figure | None:
-    """By the kind of rays; ours of triangles and of spheres, Embree's of triangles."""
+    """By the kind of rays, triangles and spheres, ours and Embree's."""
     kinds = ("camera", "bounce", "any hit")
     what = rf"(\S+) (triangles|spheres), ({'|'.join(kinds)}): ({OURS}|embreex)"
     speeds = found(rows, what)
@@ -111,6 +111,7 @@ def rays(rows: Rows) -> Figure | None:
             (OURS, "triangles", "o-"),
             (OURS, "spheres", "s--"),
             ("embreex", "triangles", "o-"),
+            ("embreex", "spheres", "s--"),
         ):
             points = sorted(
                 (float(key[0]), row["median"])

@@ -14,7 +14,8 @@ class Row:
 
     runs: its values in unit, in the order measured; less is better unless more is set.
     against, ratios: what it was paired with, and value over value of the pairs (see ratios()).
-    most: what the value shall be at most. least_ratio: what the ratio shall be at least.
+    most: what the value shall be at most. least_ratio, most_ratio: what the ratio shall be at
+    least, or at most.
     error: of a picture, which is reached in these seconds.
     """
 
@@ -27,6 +28,7 @@ class Row:
     ratios: Sequence[float] = ()
     most: float | None = None
     least_ratio: float | None = None
+    most_ratio: float | None = None
     error: float | None = None
 
     def json(self) -> dict[str, Any]:
@@ -69,6 +71,9 @@ def _cells(row: Row) -> list[str]:
         if row.least_ratio is not None:
             asked.append(f"at least {row.least_ratio:g} x")
             met = r["median"] >= row.least_ratio
+        if row.most_ratio is not None:
+            asked.append(f"at most {row.most_ratio:.3g} x")
+            met = met and r["median"] <= row.most_ratio
     if row.most is not None:
         asked.append(f"at most {row.most:g}")
         met = met and values["median"] <= row.most

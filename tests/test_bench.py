@@ -93,6 +93,11 @@ def test_runs_alternate_and_the_first_round_is_not_counted():
         (Row("g", "n", "s", [1.1], most=1.0), "at most 1, MISSED"),
         (Row("g", "n", "s", [2.0], ratios=[1.9], against="b", least_ratio=1.9), "met"),
         (Row("g", "n", "s", [2.0], ratios=[1.8], against="b", least_ratio=1.9), "MISSED"),
+        (
+            Row("g", "n", "M/s", [2.0], ratios=[1.0], against="b", most_ratio=1.0),
+            "at most 1 x, met",
+        ),
+        (Row("g", "n", "M/s", [2.0], ratios=[1.1], against="b", most_ratio=1.0), "MISSED"),
         (Row("g", "n", "s", [2.0], ratios=[1, 3, 5], against="b"), "3 x b (1 to 5)"),
     ],
 )

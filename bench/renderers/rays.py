@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
 from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..rays import bounces
+from ..scenes import BenchError
 
-Query = Callable[[np.ndarray, np.ndarray, bool], Any]
+# Of origins and directions, (n, 3) each, and whether any hit will do: which rays hit, or how far,
+# infinity where they do not.
+Query = Callable[[np.ndarray, np.ndarray, bool], np.ndarray]
 
 
 def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]], dict[str, Any]]]:
@@ -21,25 +30,27 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
         scene = dict(arrays)
     module = import_module(job["program"])
     known = getattr(module, "__version__", None) or version(job["program"])
-    query, distances = PROGRAMS[job["program"]](scene)
+    query = PROGRAMS[job["program"]](scene)
     rays = {"camera": (scene["origins"], scene["directions"])}
     few = scene["origins"][:1], scene["directions"][:1]
-    rays["bounce"] = rays["any hit"] = bounces(*rays["camera"], distances(*rays["camera"]))
+    rays["bounce"] = rays["any hit"] = bounces(*rays["camera"], query(*rays["camera"], False))
 
     def answer(request: dict[str, Any]) -> dict[str, Any]:
         if request["rays"] == "build":
             start = time.perf_counter()  # of all threads
-            PROGRAMS[job["program"]](scene)[0](*few, False)  # Embree builds at the first ray
+            PROGRAMS[job["program"]](scene)(*few, False)
             return {"seconds": time.perf_counter() - start}
         origins, directions = rays[request["rays"]]
         begin = time.process_time()  # of one thread; the wall clock also counts others
-        query(origins, directions, request["rays"] == "any hit")
-        return {"seconds": time.process_time() - begin, "rays": len(origins)}
+        found = query(origins, directions, request["rays"] == "any hit")
+        seconds = time.process_time() - begin
+        hit = found if found.dtype == bool else np.isfinite(found)
+        return {"seconds": seconds, "rays": len(origins), "hits": int(np.count_nonzero(hit))}
 
     return {"version": known}, answer
 
 
-def _ours(scene: dict[str, Any]) -> tuple[Query, Callable[..., np.ndarray]]:
+def _ours(scene: dict[str, Any]) -> Query:
     import parhelion as ph
 
     shape: Any
@@ -49,27 +60,81 @@ def _ours(scene: dict[str, Any]) -> tuple[Query, Callable[..., np.ndarray]]:
         shape = ph.Spheres(scene["centers"], scene["radius"])
     core = ph.prepare(ph.Scene([shape])).core
 
-    def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> Any:
+    def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> np.ndarray:
         if any_hit:
-            return core.occluded(origins, directions, np.full(len(origins), np.inf, np.float32))
-        return core.intersect(origins, directions)
+            limits = np.full(len(origins), np.inf, np.float32)
+            return core.occluded(origins, directions, limits).view(np.bool_)
+        return core.intersect(origins, directions)[0]
 
-    return query, lambda o, d: core.intersect(o, d)[0]
-
-
-def _embree(scene: dict[str, Any]) -> tuple[Query, Callable[..., np.ndarray]]:
-    rtcore = import_module("embreex.rtcore_scene")
-    meshes = import_module("embreex.mesh_construction")
-    made = rtcore.EmbreeScene()
-    meshes.TriangleMesh(made, scene["vertices"], scene["faces"].astype(np.int32))
-
-    def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> Any:
-        return made.run(origins, directions, query="OCCLUDED" if any_hit else "DISTANCE")
-
-    return query, lambda o, d: made.run(o, d, query="DISTANCE")
+    return query
 
 
-PROGRAMS: dict[str, Callable[[dict[str, Any]], tuple[Query, Callable[..., np.ndarray]]]] = {
+def _embree(scene: dict[str, Any]) -> Query:
+    library = _library()
+    if "faces" in scene:
+        points, faces = scene["vertices"], scene["faces"].astype(np.uint32)
+        made = library.embree_triangles(_at(points), len(points), _at(faces), len(faces))
+    else:
+        radius = np.broadcast_to(scene["radius"], len(scene["centers"]))
+        spheres = np.column_stack([scene["centers"], radius]).astype(np.float32)
+        made = library.embree_spheres(_at(spheres), len(spheres))
+    handle = _Handle(made)
+
+    def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> np.ndarray:
+        found = np.empty(len(origins), bool if any_hit else np.float32)
+        ask = library.embree_any if any_hit else library.embree_nearest
+        ask(handle.made, _at(origins), _at(directions), len(origins), _at(found))
+        return found
+
+    return query
+
+
+class _Handle:
+    """A scene of Embree's, released with this."""
+
+    def __init__(self, made: int) -> None:
+        self.made = made
+
+    def __del__(self) -> None:
+        _library().embree_release(self.made)
+
+
+def _at(array: np.ndarray) -> int:
+    assert array.flags.c_contiguous
+    return array.ctypes.data
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    """embree.cpp, compiled for this run. Raises BenchError without a compiler."""
+    home = Path(import_module("embreex").__file__ or "").parents[1] / "embreex.libs"
+    embree = next(home.glob("libembree4*"), None)
+    if embree is None:
+        raise BenchError(f"no Embree in {home}")
+    compiler = os.environ.get("CXX", "c++")
+    source = Path(__file__).with_name("embree.cpp")
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / "embree.so"
+        command = [compiler, "-O3", "-std=c++20", "-shared", "-fPIC", source, embree]
+        try:
+            subprocess.run([*command, f"-Wl,-rpath,{home}", "-o", made], check=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            raise BenchError(f"{source.name} could not be compiled: {error}") from error
+        library = ctypes.CDLL(str(made))
+    array, count = ctypes.c_void_p, ctypes.c_size_t
+    for name, result, arguments in (
+        ("triangles", ctypes.c_void_p, [array, count, array, count]),
+        ("spheres", ctypes.c_void_p, [array, count]),
+        ("release", None, [ctypes.c_void_p]),
+        ("nearest", None, [ctypes.c_void_p, array, array, count, array]),
+        ("any", None, [ctypes.c_void_p, array, array, count, array]),
+    ):
+        function = getattr(library, f"embree_{name}")
+        function.restype, function.argtypes = result, arguments
+    return library
+
+
+PROGRAMS: dict[str, Callable[[dict[str, Any]], Query]] = {
     "parhelion": _ours,
     "embreex": _embree,
 }
