@@ -3,10 +3,10 @@
 // Primitives are first sorted into the cells of a grid, from which two or three levels of nodes are
 // made at once, and their parts into cells of their own. Parts of some thousand, and larger ones
 // that lie too unevenly for a grid, are divided two by two down to leaves, and the best nodes of
-// sixteen over these are found. What is sorted are numbers of primitives, whose boxes are made when
-// they are asked for; only parts that caches hold are copied. Nothing is kept but the order that
-// results, the nodes, and how many primitives each leaf has; nodes and blocks are then written
-// where the scene has them.
+// sixteen over these are found. Of many primitives their numbers are sorted, and boxes are made when
+// they are asked for; only parts of up to kLargeJob, and scenes of no more than that, are copied
+// with their boxes. Nothing is kept but the order that results, the nodes, and how many primitives
+// each leaf has; nodes and blocks are then written where the scene has them.
 //
 // The tree depends on the primitives alone, not on the number of threads: sums over parts are only
 // minima, maxima and counts, which no order changes, sorting keeps the order within a cell, and the
@@ -71,6 +71,12 @@ struct Point {
   friend Point operator+(Point a, Point b) { return {_mm_add_ps(a.v, b.v)}; }
   friend Point operator-(Point a, Point b) { return {_mm_sub_ps(a.v, b.v)}; }
   friend Point operator*(Point a, Point b) { return {_mm_mul_ps(a.v, b.v)}; }
+  // xy + yz + zx
+  friend float sum_of_products(Point a) {
+    const __m128 p = _mm_mul_ps(a.v, _mm_shuffle_ps(a.v, a.v, _MM_SHUFFLE(3, 0, 2, 1)));
+    const __m128 first = _mm_add_ss(p, _mm_shuffle_ps(p, p, _MM_SHUFFLE(1, 1, 1, 1)));
+    return _mm_cvtss_f32(_mm_add_ss(first, _mm_movehl_ps(p, p)));
+  }
 };
 #else
 struct Point {
@@ -97,6 +103,10 @@ struct Point {
   }
   friend Point operator*(Point a, Point b) {
     return each(a, b, [](float x, float y) { return x * y; });
+  }
+  // xy + yz + zx
+  friend float sum_of_products(Point a) {
+    return a.v[0] * a.v[1] + a.v[1] * a.v[2] + a.v[2] * a.v[0];
   }
 };
 #endif
@@ -129,11 +139,7 @@ struct Extent {
     return {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}};
   }
   // Half the surface; 0 for an empty box.
-  float half_area() const {
-    float s[4];
-    max(high - low, Point::all(0.0f)).store(s);
-    return s[0] * s[1] + s[1] * s[2] + s[2] * s[0];
-  }
+  float half_area() const { return sum_of_products(max(high - low, Point::all(0.0f))); }
 };
 
 // By kind of shape; instances have no blocks.
@@ -153,6 +159,12 @@ class TreeBuilder {
   template <class Expect>
   size_t plan(const Expect& expect) {
     order_ = Array<u32>(count_);
+    const bool few = count_ <= kLargeJob;
+    if (few) {
+      expect(count_ * kCopied);
+      refs_ = Array<Ref>(count_);
+      spare_ = Array<Ref>(count_);
+    }
     Extent box, centers;
     size_t lost = count_;
 #pragma omp parallel if (count_ > kFewElements)
@@ -163,6 +175,7 @@ class TreeBuilder {
       for (size_t i = 0; i < count_; ++i) {
         order_[i] = static_cast<u32>(i);
         const Ref r = leaves_.ref(i);
+        if (few) refs_[i] = r;
         my_box.grow(r);
         my_centers.grow(center_of(r));
         for (int k = 0; k < 3; ++k) {
@@ -178,7 +191,13 @@ class TreeBuilder {
     }
     if (lost < count_) return lost;
     bounds_ = box.box();
-    if (count_ > 0) divide_all(centers, expect);
+    if (few) {
+      divide_few(centers);
+    } else {
+      divide_many(centers, expect);
+    }
+    make_jobs();
+    refs_ = {}, spare_ = {};
     count_up();
     return lost;
   }
@@ -264,7 +283,8 @@ class TreeBuilder {
 
  private:
   static constexpr size_t kLeafSize = 16;
-  static constexpr int kBins = 16;
+  // Of few primitives half as many bins tell as much.
+  static constexpr size_t kBins = 16, kFewForBins = 64;
   // Below this many primitives a subtree is one thread's job; of more primitives than kLargeJob
   // none is, as they are copied.
   static constexpr size_t kJobSize = 4096, kLargeJob = size_t{1} << 19;
@@ -306,7 +326,10 @@ class TreeBuilder {
     size_t node;
     int lane;
   };
+  // refs: those of the part, and room for as many, if they are there before it is divided.
   struct Job : Open {
+    Ref* refs = nullptr;
+    Ref* spare = nullptr;
     Local made;
   };
   struct Part {
@@ -332,6 +355,7 @@ class TreeBuilder {
   const size_t count_;
   const Leaves& leaves_;
   Array<u32> order_;
+  Array<Ref> refs_, spare_;  // of all primitives, where they are few
   std::vector<Node> top_;
   std::vector<Job> jobs_;
   Aabb bounds_{{0, 0, 0}, {0, 0, 0}};
@@ -351,19 +375,36 @@ class TreeBuilder {
     }
   }
 
-  // Divides parts that are too large for one thread by all of them, then gives each thread some.
+  // Gives each thread some parts. Of no more primitives than one could be given the boxes are kept
+  // from the first time they are made.
+  void divide_few(const Extent& centers) {
+    if (count_ == 0) return;
+    std::vector<Open> below;
+    if (count_ <= kJobSize ||
+        !divide<true>(refs_.data(), spare_.data(), count_, centers, 0, kJobSize, top_, below)) {
+      jobs_.push_back({{0, count_, 0, kNoNode, 0}, refs_.data(), spare_.data(), {}});
+      return;
+    }
+    for (const Open& part : below) {
+      jobs_.push_back({part, spare_.data() + part.first, refs_.data() + part.first, {}});
+    }
+  }
+
+  // Of more, parts that are too large for one thread are divided by all of them.
   template <class Expect>
-  void divide_all(const Extent& centers, const Expect& expect) {
+  void divide_many(const Extent& centers, const Expect& expect) {
     std::vector<Open> todo = {{0, count_, 0, kNoNode, 0}};
     while (!todo.empty()) {
       const Open part = todo.back();
       todo.pop_back();
-      if (part.size <= (part.depth == 0 ? kJobSize : kLargeJob) ||
-          !divide_large(part, centers, todo)) {
-        jobs_.push_back({part, {}});
+      if (part.size <= kLargeJob || !divide_large(part, centers, todo)) {
+        jobs_.push_back({part, nullptr, nullptr, {}});
       }
     }
     expect(copied());
+  }
+
+  void make_jobs() {
     MemoryGuard guard;
 #pragma omp parallel if (jobs_.size() > 1)
     {
@@ -372,18 +413,21 @@ class TreeBuilder {
       for (size_t i = 0; i < jobs_.size(); ++i) {
         guard.run([&] {
           Job& job = jobs_[i];
-          if (refs.size() < job.size) {
-            refs = {}, spare = {};  // before others are asked for
-            refs = Array<Ref>(job.size);
-            spare = Array<Ref>(job.size);
-          }
-          const u32* ids = order_.data() + job.first;
-          for (size_t k = 0; k < job.size; ++k) {
-            if (k + kAhead < job.size) leaves_.prefetch(ids[k + kAhead]);
-            refs[k] = leaves_.ref(ids[k]);
+          if (!job.refs) {
+            if (refs.size() < job.size) {
+              refs = {}, spare = {};  // before others are asked for
+              refs = Array<Ref>(job.size);
+              spare = Array<Ref>(job.size);
+            }
+            const u32* ids = order_.data() + job.first;
+            for (size_t k = 0; k < job.size; ++k) {
+              if (k + kAhead < job.size) leaves_.prefetch(ids[k + kAhead]);
+              refs[k] = leaves_.ref(ids[k]);
+            }
+            job.refs = refs.data(), job.spare = spare.data();
           }
           job.made.next = order_.data() + job.first;
-          job.made.root = subtree(refs.data(), spare.data(), job.size, job.depth, job.made);
+          job.made.root = subtree(job.refs, job.spare, job.size, job.depth, job.made);
           job.made.nodes.shrink_to_fit();
           job.made.leaves.shrink_to_fit();
         });
@@ -401,7 +445,7 @@ class TreeBuilder {
                       std::greater<>());
     u64 refs = 0;
     for (size_t i = 0; i < most; ++i) refs += sizes[i];
-    return refs * (2 * sizeof(Ref) + kForksALeaf * sizeof(Fork) / kLeafSize);
+    return refs * kCopied;
   }
 
   // centers: of all primitives.
@@ -421,7 +465,7 @@ class TreeBuilder {
     Array<u32> sorted(part.size);
     std::vector<Open> below;
     const size_t old_size = top_.size();
-    if (!divide(ids, sorted.data(), part.size, centers, part.depth, kJobSize, top_, below)) {
+    if (!divide<true>(ids, sorted.data(), part.size, centers, part.depth, kJobSize, top_, below)) {
       return false;
     }
     if (part.node != kNoNode) top_[part.node].child[part.lane] = static_cast<Child>(old_size);
@@ -507,15 +551,14 @@ class TreeBuilder {
   // The nodes over `items`, which go to `sorted` by what is below: primitives or numbers of these.
   // The first node is the uppermost. A part of no more than `enough` is not divided. False, where
   // all centres are one, a thread's part too uneven, or the tree so deep that its depth must be
-  // bounded.
-  template <class Item>
+  // bounded. threads: all of them, or one.
+  template <bool threads, class Item>
   bool divide(const Item* items, Item* sorted, size_t n, const Extent& centers, int depth,
               size_t enough, std::vector<Node>& nodes, std::vector<Open>& below) const {
     if (depth > kMaxTreeDepth / 2) return false;
     const Grid grid(centers, n);
     const size_t cells = grid.count();
     if (cells < 2) return false;
-    constexpr bool threads = std::is_same_v<Item, u32>;  // a part of refs is one thread's
     // Of no fewer primitives than some times the cells that each chunk fills and that are summed.
     const size_t chunks =
         threads ? std::clamp(n / (4 * cells), size_t{1}, static_cast<size_t>(omp_get_max_threads()))
@@ -709,24 +752,29 @@ class TreeBuilder {
     return p;
   }
 
-  static int bin_of(float x, float low, float scale) {
-    return std::min(kBins - 1, static_cast<int>((x - low) * scale));
-  }
+  // A plane across an axis that divides a part by where centres lie; none where axis < 0.
+  struct Plane {
+    int axis = -1;
+    float low = 0.0f, scale = 0.0f;
+    int last = 0, bin = 0;
 
-  // Divides a part in two of the least expected cost; by the middle one where centres coincide.
-  static void split(const Part& p, Part& left, Part& right) {
+    bool before(const Ref& r) const {
+      return std::min(last, static_cast<int>((center_of(r, axis) - low) * scale)) < bin;
+    }
+  };
+  // That of the least expected cost between bins of equal width.
+  template <size_t kCount>
+  static Plane best_plane(const Part& p) {
     float low[4], extent[4], scale[4] = {};
     p.centers.low.store(low);
     (p.centers.high - p.centers.low).store(extent);
     for (int k = 0; k < 3; ++k) {
-      scale[k] = extent[k] > 0.0f ? kBins * (1.0f - 1e-6f) / extent[k] : 0.0f;
+      scale[k] = extent[k] > 0.0f ? kCount * (1.0f - 1e-6f) / extent[k] : 0.0f;
       if (!std::isfinite(scale[k])) scale[k] = 0.0f;
     }
-    int axis = -1;
-    size_t best_bin = 0;
-    Bin bins[3][kBins];
+    Bin bins[3][kCount];
     const Point base = p.centers.low, factor = Point::of(scale),
-                last = Point::all(static_cast<float>(kBins - 1));
+                last = Point::all(static_cast<float>(kCount - 1));
     for (size_t i = 0; i < p.size; ++i) {
       const Ref& r = p.refs[i];
       float at[4];
@@ -737,25 +785,33 @@ class TreeBuilder {
         ++bin.count;
       }
     }
+    Plane best;
     float best_cost = INFINITY;
     for (int k = 0; k < 3; ++k) {
       size_t cut = 0;
       if (scale[k] == 0.0f) continue;
-      const float c = best_of(bins[k], kBins, cut);
-      if (c < best_cost) best_cost = c, axis = k, best_bin = cut;
+      const float c = best_of(bins[k], kCount, cut);
+      if (c < best_cost) {
+        best_cost = c;
+        best = {k, low[k], scale[k], static_cast<int>(kCount) - 1, static_cast<int>(cut)};
+      }
     }
-    if (axis < 0) {
+    return best;
+  }
+
+  // Divides a part in two of the least expected cost; by the middle one where centres coincide.
+  static void split(const Part& p, Part& left, Part& right) {
+    const Plane plane = p.size > kFewForBins ? best_plane<kBins>(p) : best_plane<kBins / 2>(p);
+    if (plane.axis < 0) {
       split_by_count(p, left, right);
       return;
     }
-    const float start = low[axis], s = scale[axis];
-    Ref* const middle = std::partition(p.refs, p.refs + p.size, [&](const Ref& r) {
-      return bin_of(center_of(r, axis), start, s) < static_cast<int>(best_bin);
-    });
+    Ref* const middle =
+        std::partition(p.refs, p.refs + p.size, [&](const Ref& r) { return plane.before(r); });
     const size_t cut = static_cast<size_t>(middle - p.refs);
     left = measure(p.refs, cut);
     right = measure(middle, p.size - cut);
-    fill_leaves(p, axis, left, right);
+    fill_leaves(p, plane.axis, left, right);
   }
 
   // Moves the cut to where one block fewer is needed, unless that costs more; primitives whose
@@ -845,7 +901,7 @@ class TreeBuilder {
     if (n > kGridSize) {
       const size_t index = out.nodes.size();
       std::vector<Open> below;
-      if (divide(refs, spare, n, part.centers, depth, 0, out.nodes, below)) {
+      if (divide<false>(refs, spare, n, part.centers, depth, 0, out.nodes, below)) {
         for (const Open& o : below) {
           const Child c = subtree(spare + o.first, refs + o.first, o.size, o.depth, out);
           out.nodes[o.node].child[o.lane] = c;
@@ -960,6 +1016,9 @@ class TreeBuilder {
     }
   }
 
+  // Bytes a primitive of a part that is copied, and of the forks of an uneven one.
+  static constexpr u64 kCopied = 2 * sizeof(Ref) + kForksALeaf * sizeof(Fork) / kLeafSize;
+
   // Writes what the costs say.
   Child join(const std::vector<Fork>& forks, size_t top, int depth, Local& out) const {
     if (depth > kMaxTreeDepth / 2) return even_tree(forks[top].part, depth, out);
@@ -989,8 +1048,11 @@ class TreeBuilder {
   // A leaf, or, of primitives of several kinds, a node over one of each; instances stay apart.
   Child leaf(const Part& p, Local& out) const {
     Ref* const end = p.refs + p.size;
-    std::stable_sort(p.refs, end,
-                     [&](const Ref& a, const Ref& b) { return leaves_.kind(a) < leaves_.kind(b); });
+    const auto by_kind = [&](const Ref& a, const Ref& b) {
+      return leaves_.kind(a) < leaves_.kind(b);
+    };
+    // which asks for memory
+    if (!std::is_sorted(p.refs, end, by_kind)) std::stable_sort(p.refs, end, by_kind);
     const auto end_of = [&](const Ref* from) {
       const ShapeKind kind = leaves_.kind(*from);
       const Ref* to = from + 1;
