@@ -140,13 +140,14 @@ if hasattr(os, "register_at_fork"):  # they end before a fork
 
 
 def _all(root: Path, threads: int) -> Iterator[Free]:
-    left = _field(lines(root / "proc/meminfo"), "MemAvailable:", 1024)
+    # Paths are texts here, as making Path objects takes as long as reading the files.
+    left = _field(lines(f"{root}/proc/meminfo"), "MemAvailable:", 1024)
     if left is not None:
         yield Free(left, "are free")
     for group in _groups(root):
         if group is not None:
             yield Free(group, "are left to the control group")
-    status, limits = lines(root / "proc/self/status"), lines(root / "proc/self/limits")
+    status, limits = lines(f"{root}/proc/self/status"), lines(f"{root}/proc/self/limits")
     limit, held = _LIMIT.get(), _field(status, "VmRSS:", 1024)
     if limit is not None:
         yield Free(max(0, limit - (held or 0)), f"are left of {option('memory_limit')}")
@@ -183,30 +184,31 @@ def _limit(text: list[str], name: str) -> int | None:
 
 def _groups(root: Path) -> Iterator[int | None]:
     """What this process's control groups, and those around them, have left; None is no limit."""
-    v2, v1 = root / "sys/fs/cgroup", root / "sys/fs/cgroup/memory"
-    for line in lines(root / "proc/self/cgroup"):
+    v2, v1 = f"{root}/sys/fs/cgroup", f"{root}/sys/fs/cgroup/memory"
+    for line in lines(f"{root}/proc/self/cgroup"):
         number, controllers, group = line.split(":", 2)
         if number != "0" and "memory" not in controllers.split(","):
             continue
-        path = Path(group.lstrip("/"))
+        names = [name for name in group.split("/") if name]
         # the root last: seen from within a container, it is the group
-        for folder in (path, *path.parents):
+        for depth in range(len(names), -1, -1):
+            folder = "/".join(names[:depth])
             if number == "0":
-                yield _free(v2 / folder, "memory.max", "memory.current", "inactive_file")
+                yield _free(f"{v2}/{folder}", "memory.max", "memory.current", "inactive_file")
             else:
-                names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
-                yield _free(v1 / folder, *names)
+                of = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+                yield _free(f"{v1}/{folder}", *of)
 
 
-def _free(folder: Path, limit: str, usage: str, cached: str) -> int | None:
-    most = " ".join(lines(folder / limit))
+def _free(folder: str, limit: str, usage: str, cached: str) -> int | None:
+    most = " ".join(lines(f"{folder}/{limit}"))
     if not most.isdecimal() or int(most) >= _NO_LIMIT:  # "max" is none either
         return None
-    used = " ".join(lines(folder / usage))
+    used = " ".join(lines(f"{folder}/{usage}"))
     if not used.isdecimal():
         return None
     # files that the system keeps in memory count as used, and make room when asked to
-    reclaimable = _field(lines(folder / "memory.stat"), cached, 1) or 0
+    reclaimable = _field(lines(f"{folder}/memory.stat"), cached, 1) or 0
     return max(0, int(most) - int(used) + reclaimable)
 
 
