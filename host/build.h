@@ -3,10 +3,10 @@
 // Primitives are first sorted into the cells of a grid, from which two or three levels of nodes are
 // made at once, and their parts into cells of their own. Parts of some thousand, and larger ones
 // that lie too unevenly for a grid, are divided two by two down to leaves, and the best nodes of
-// sixteen over these are found. Of many primitives their numbers are sorted, and boxes are made when
-// they are asked for; only parts of up to kLargeJob, and scenes of no more than that, are copied
-// with their boxes. Nothing is kept but the order that results, the nodes, and how many primitives
-// each leaf has; nodes and blocks are then written where the scene has them.
+// sixteen over these are found. Of many primitives their numbers are sorted, and boxes are made
+// when they are asked for; only parts of up to kLargeJob, and groups of no more than that, are
+// copied with their boxes. Nothing is kept but the order that results, the nodes, and how many
+// primitives each leaf has; nodes and blocks are then written where the scene has them.
 //
 // The tree depends on the primitives alone, not on the number of threads: sums over parts are only
 // minima, maxima and counts, which no order changes, sorting keeps the order within a cell, and the
@@ -20,6 +20,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -194,8 +195,9 @@ class TreeBuilder {
     if (few) {
       divide_few(centers);
     } else {
-      divide_many(centers, expect);
+      divide_many(centers);
     }
+    expect((few ? count_ : in_turn()) * kCopied + in_turn() * kForked);
     make_jobs();
     refs_ = {}, spare_ = {};
     count_up();
@@ -286,7 +288,7 @@ class TreeBuilder {
   // Of few primitives half as many bins tell as much.
   static constexpr size_t kBins = 16, kFewForBins = 64;
   // Below this many primitives a subtree is one thread's job; of more primitives than kLargeJob
-  // none is, as they are copied.
+  // none is, as they are copied. Groups of no more are copied whole.
   static constexpr size_t kJobSize = 4096, kLargeJob = size_t{1} << 19;
   // Grids have a cell for so many primitives on average, and at most kMostCells. A node is made of
   // no fewer than kCellsANode cells, and of fewer primitives than kGridSize by bins, which
@@ -391,8 +393,7 @@ class TreeBuilder {
   }
 
   // Of more, parts that are too large for one thread are divided by all of them.
-  template <class Expect>
-  void divide_many(const Extent& centers, const Expect& expect) {
+  void divide_many(const Extent& centers) {
     std::vector<Open> todo = {{0, count_, 0, kNoNode, 0}};
     while (!todo.empty()) {
       const Open part = todo.back();
@@ -401,7 +402,6 @@ class TreeBuilder {
         jobs_.push_back({part, nullptr, nullptr, {}});
       }
     }
-    expect(copied());
   }
 
   void make_jobs() {
@@ -413,7 +413,8 @@ class TreeBuilder {
       for (size_t i = 0; i < jobs_.size(); ++i) {
         guard.run([&] {
           Job& job = jobs_[i];
-          if (!job.refs) {
+          Ref *own = job.refs, *room = job.spare;
+          if (!own) {
             if (refs.size() < job.size) {
               refs = {}, spare = {};  // before others are asked for
               refs = Array<Ref>(job.size);
@@ -424,10 +425,10 @@ class TreeBuilder {
               if (k + kAhead < job.size) leaves_.prefetch(ids[k + kAhead]);
               refs[k] = leaves_.ref(ids[k]);
             }
-            job.refs = refs.data(), job.spare = spare.data();
+            own = refs.data(), room = spare.data();
           }
           job.made.next = order_.data() + job.first;
-          job.made.root = subtree(job.refs, job.spare, job.size, job.depth, job.made);
+          job.made.root = subtree(own, room, job.size, job.depth, job.made);
           job.made.nodes.shrink_to_fit();
           job.made.leaves.shrink_to_fit();
         });
@@ -436,16 +437,15 @@ class TreeBuilder {
     guard.check();
   }
 
-  // Bytes of the parts that are copied at a time, one a thread, and of the forks of an uneven one.
-  u64 copied() const {
+  // Primitives of the largest parts that are divided at a time, one a thread.
+  u64 in_turn() const {
     std::vector<size_t> sizes;
     for (const Job& job : jobs_) sizes.push_back(job.size);
     const size_t most = std::min(sizes.size(), static_cast<size_t>(omp_get_max_threads()));
     std::partial_sort(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(most), sizes.end(),
                       std::greater<>());
-    u64 refs = 0;
-    for (size_t i = 0; i < most; ++i) refs += sizes[i];
-    return refs * kCopied;
+    return std::accumulate(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(most),
+                           u64{0});
   }
 
   // centers: of all primitives.
@@ -1016,8 +1016,10 @@ class TreeBuilder {
     }
   }
 
-  // Bytes a primitive of a part that is copied, and of the forks of an uneven one.
-  static constexpr u64 kCopied = 2 * sizeof(Ref) + kForksALeaf * sizeof(Fork) / kLeafSize;
+  // Bytes a primitive: of what is copied, with room for as much, and of the forks of an uneven
+  // part.
+  static constexpr u64 kCopied = 2 * sizeof(Ref);
+  static constexpr u64 kForked = kForksALeaf * sizeof(Fork) / kLeafSize;
 
   // Writes what the costs say.
   Child join(const std::vector<Fork>& forks, size_t top, int depth, Local& out) const {

@@ -464,7 +464,8 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
   u64 planned = TreeBuilder<Leaves>::plan_bytes(count);
   for (const BuiltGroup& b : built) planned += b.tree->bytes();
   const size_t lost = group.tree->builder.plan([&](u64 copied) {
-    memory_plan_.expect(MemoryPlan::planning, 0, planned + copied);
+    planning_ = std::max(planning_, planned + copied);
+    memory_plan_.expect(MemoryPlan::planning, 0, planning_);
     memory_plan_.check();
   });
   // A cylinder whose ends are one point beside the scene's extent has no direction.

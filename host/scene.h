@@ -160,6 +160,7 @@ class Scene {
   bool shines(const MaterialRecord& m) const;
 
   MemoryPlan memory_plan_;
+  u64 planning_ = 0;  // bytes of the group that took the most while its tree was planned
   size_t primitive_count_ = 0;
   size_t count_of_[8] = {};
   size_t light_count_ = 0;

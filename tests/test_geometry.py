@@ -138,6 +138,25 @@ def test_tree_finds_what_brute_force_finds(cloud: Callable[[], Cloud]) -> None:
     np.testing.assert_array_equal(blocked.astype(bool), (ids >= 0) & (t <= limits))
 
 
+@pytest.mark.parametrize("count", [2**19, 2**19 + 1])
+def test_groups_that_are_copied_whole_and_larger_ones(count: int) -> None:
+    """kLargeJob in host/build.h, and one more, whose boxes are made whenever they are asked for."""
+    rng = np.random.default_rng(12)
+    centers, radii = rng.uniform(-1, 1, (count, 3)), np.full(count, 0.005)
+    core = built(centers, radii)
+    o, d = random_rays(centers, radii, 200)
+    for found, whole in zip(core.intersect(o, d), core.intersect(o, d, tree=False), strict=True):
+        np.testing.assert_array_equal(found, whole)
+
+
+def test_more_spheres_around_one_point_than_a_grid_divides() -> None:
+    radii = np.linspace(0.1, 1.0, 6000)
+    core = built(np.zeros((6000, 3)), radii)
+    o, d = random_rays(np.zeros((6000, 3)), radii, 2000)
+    for found, whole in zip(core.intersect(o, d), core.intersect(o, d, tree=False), strict=True):
+        np.testing.assert_array_equal(found, whole)
+
+
 @by_cloud
 def test_instruction_sets_find_the_same_bits(cloud: Callable[[], Cloud]) -> None:
     centers, radii = cloud()

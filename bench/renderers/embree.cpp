@@ -3,6 +3,7 @@
 // spheres, so what is needed of embree4/rtcore.h is declared here.
 #include <cmath>
 #include <cstddef>
+#include <cstdlib>
 #include <cstring>
 #if defined(__SSE__)
 #include <xmmintrin.h>
@@ -20,6 +21,8 @@ struct alignas(16) RTCRayHit {
   float normal[3], u, v;
   unsigned primitive, geometry, instance[27];
 };
+
+static_assert(sizeof(RTCRay) == 48 && offsetof(RTCRayHit, geometry) == 72);
 
 void* rtcNewDevice(const char* config);
 void* rtcNewScene(void* device);
@@ -66,10 +69,12 @@ RTCRay ray_of(const float* origin, const float* direction) {
 void fill(void* geometry, int buffer, int format, const void* from, std::size_t stride,
           std::size_t count) {
   void* to = rtcSetNewGeometryBuffer(geometry, buffer, 0, format, stride, count);
+  if (!to) std::abort();
   std::memcpy(to, from, stride * count);
 }
 
-// What is one geometry, made by `fill`. Built at Embree's default quality, medium, by all threads.
+// What is one geometry, whose buffers fill_buffers makes. Built at Embree's default quality,
+// medium.
 template <class Fill>
 void* scene_of(int type, Fill&& fill_buffers) {
   static void* const device = rtcNewDevice(nullptr);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import shlex
 import subprocess
 import tempfile
 import time
@@ -37,7 +38,7 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
 
     def answer(request: dict[str, Any]) -> dict[str, Any]:
         if request["rays"] == "build":
-            start = time.perf_counter()  # of all threads
+            start = time.perf_counter()  # of whatever threads there are
             PROGRAMS[job["program"]](scene)(*few, False)
             return {"seconds": time.perf_counter() - start}
         origins, directions = rays[request["rays"]]
@@ -101,6 +102,7 @@ class _Handle:
 
 def _at(array: np.ndarray) -> int:
     assert array.flags.c_contiguous
+    assert array.dtype in (np.float32, np.uint32, bool)
     return array.ctypes.data
 
 
@@ -111,11 +113,11 @@ def _library() -> ctypes.CDLL:
     embree = next(home.glob("libembree4*"), None)
     if embree is None:
         raise BenchError(f"no Embree in {home}")
-    compiler = os.environ.get("CXX", "c++")
+    compiler = shlex.split(os.environ.get("CXX", "c++"))
     source = Path(__file__).with_name("embree.cpp")
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / "embree.so"
-        command = [compiler, "-O3", "-std=c++20", "-shared", "-fPIC", source, embree]
+        command = [*compiler, "-O3", "-std=c++20", "-shared", "-fPIC", source, embree]
         try:
             subprocess.run([*command, f"-Wl,-rpath,{home}", "-o", made], check=True)
         except (OSError, subprocess.CalledProcessError) as error:
