@@ -115,16 +115,24 @@ def random_rays(centers: np.ndarray, radii: np.ndarray, count: int) -> tuple[np.
     return o.astype(np.float32), d.astype(np.float32)
 
 
-@by_cloud
-def test_tree_finds_what_brute_force_finds(cloud: Callable[[], Cloud]) -> None:
-    centers, radii = cloud()
-    core = built(centers, radii)
-    o, d = random_rays(centers, radii, RAYS)
+def found_as_by_brute_force(
+    core: _core.Scene, o: np.ndarray, d: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The distances and ids that both find."""
     t, ids = core.intersect(o, d)
     all_t, all_ids = core.intersect(o, d, tree=False)
     np.testing.assert_array_equal(ids, all_ids)
     np.testing.assert_array_equal(t.view(np.uint32), all_t.view(np.uint32))
     assert np.mean(ids >= 0) > 0.05
+    return t, ids
+
+
+@by_cloud
+def test_tree_finds_what_brute_force_finds(cloud: Callable[[], Cloud]) -> None:
+    centers, radii = cloud()
+    core = built(centers, radii)
+    o, d = random_rays(centers, radii, RAYS)
+    t, ids = found_as_by_brute_force(core, o, d)
     assert np.all(t[ids >= 0] > 0)
     assert np.all(np.isinf(t[ids < 0]))
 
@@ -144,17 +152,12 @@ def test_groups_that_are_copied_whole_and_larger_ones(count: int) -> None:
     rng = np.random.default_rng(12)
     centers, radii = rng.uniform(-1, 1, (count, 3)), np.full(count, 0.005)
     core = built(centers, radii)
-    o, d = random_rays(centers, radii, 200)
-    for found, whole in zip(core.intersect(o, d), core.intersect(o, d, tree=False), strict=True):
-        np.testing.assert_array_equal(found, whole)
+    found_as_by_brute_force(core, *random_rays(centers, radii, 200))
 
 
 def test_more_spheres_around_one_point_than_a_grid_divides() -> None:
-    radii = np.linspace(0.1, 1.0, 6000)
-    core = built(np.zeros((6000, 3)), radii)
-    o, d = random_rays(np.zeros((6000, 3)), radii, 2000)
-    for found, whole in zip(core.intersect(o, d), core.intersect(o, d, tree=False), strict=True):
-        np.testing.assert_array_equal(found, whole)
+    centers, radii = np.zeros((6000, 3)), np.linspace(0.1, 1.0, 6000)
+    found_as_by_brute_force(built(centers, radii), *random_rays(centers, radii, 2000))
 
 
 @by_cloud

@@ -297,7 +297,7 @@ def test_estimates_are_no_less_than_what_is_taken_and_little_more() -> None:
             "triangles": [soup(n, white)],
             "curves": [ph.Curves(places, 1e-4, np.full(n // 2, 5))],
             "instances": [ph.Instances([ph.Spheres(some(100), 0.1)], matrices)],
-            "a group": [ph.Instances([ph.Spheres(some(2 * n), 0.004)], matrices[:8])],
+            "group": [ph.Instances([ph.Spheres(some(2 * n), 0.004)], matrices[:8])],
             "lamps": [soup(n // 2, lamp)],
             "images": [ph.Spheres([[0, 0, 0]], 1.0, material=picture)],
         }
@@ -309,7 +309,7 @@ def test_estimates_are_no_less_than_what_is_taken_and_little_more() -> None:
             Path("/proc/self/clear_refs").write_text("5")
             before = status("VmRSS:")
             core = _core.Scene(flat.parts)
-            print(name.replace(" ", "_"), core.stats()["peak_bytes"], status("VmHWM:") - before)
+            print(name, core.stats()["peak_bytes"], status("VmHWM:") - before)
             del core
         """
     )

@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import tempfile
 import time
+import weakref
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
@@ -79,25 +80,15 @@ def _embree(scene: dict[str, Any]) -> Query:
         radius = np.broadcast_to(scene["radius"], len(scene["centers"]))
         spheres = np.column_stack([scene["centers"], radius]).astype(np.float32)
         made = library.embree_spheres(_at(spheres), len(spheres))
-    handle = _Handle(made)
 
     def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> np.ndarray:
         found = np.empty(len(origins), bool if any_hit else np.float32)
         ask = library.embree_any if any_hit else library.embree_nearest
-        ask(handle.made, _at(origins), _at(directions), len(origins), _at(found))
+        ask(made, _at(origins), _at(directions), len(origins), _at(found))
         return found
 
+    weakref.finalize(query, library.embree_release, made)
     return query
-
-
-class _Handle:
-    """A scene of Embree's, released with this."""
-
-    def __init__(self, made: int) -> None:
-        self.made = made
-
-    def __del__(self) -> None:
-        _library().embree_release(self.made)
 
 
 def _at(array: np.ndarray) -> int:
