@@ -1,7 +1,7 @@
-// Sixteen lanes of float, whatever the processor: one AVX-512 register, two of AVX2, four of SSE,
-// or sixteen plain floats. The width seen by the algorithms is always 16, so every instruction set
-// walks the same tree through the same arithmetic to the same bits. And four, for colours and rows
-// of tables.
+// Sixteen lanes of float, whatever the processor: one AVX-512 register, two of AVX2, four of SSE or
+// of the compiler's own vectors, or sixteen plain floats. The width seen by the algorithms is
+// always 16, so every instruction set walks the same tree through the same arithmetic to the same
+// bits. And four, for colours and rows of tables.
 #pragma once
 #include "math.h"
 
@@ -78,6 +78,35 @@ PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
   n = _mm_xor_si128(n, _mm_set1_epi32(static_cast<int>(flipped)));
   n = _mm_and_si128(n, _mm_set1_epi32(static_cast<int>(some)));
   return v_bits(_mm_castsi128_ps(_mm_cmpeq_epi32(n, _mm_setzero_si128())));
+}
+#elif !defined(__CUDACC__)
+// The compiler's own vectors: SSE2, NEON, or whatever else a processor has.
+typedef float Vf __attribute__((vector_size(16)));
+typedef int Vm __attribute__((vector_size(16)));
+inline constexpr int kNative = 4;
+PH_INLINE Vf v_load(const float* p) {
+  Vf a;
+  compiler::copy(&a, p, sizeof a);
+  return a;
+}
+PH_INLINE void v_store(float* p, Vf a) { compiler::copy(p, &a, sizeof a); }
+PH_INLINE Vf v_set(float a) { return Vf{a, a, a, a}; }
+PH_INLINE Vf v_min(Vf a, Vf b) { return a < b ? a : b; }
+PH_INLINE Vf v_max(Vf a, Vf b) { return a > b ? a : b; }
+PH_INLINE Vf v_sqrt(Vf a) { return Vf{sqrt(a[0]), sqrt(a[1]), sqrt(a[2]), sqrt(a[3])}; }
+PH_INLINE Vm v_le(Vf a, Vf b) { return a <= b; }
+PH_INLINE Vm v_lt(Vf a, Vf b) { return a < b; }
+PH_INLINE Vm v_and(Vm a, Vm b) { return a & b; }
+PH_INLINE Vm v_or(Vm a, Vm b) { return a | b; }
+PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return m ? a : b; }
+PH_INLINE u32 v_bits(Vm m) {
+  m &= Vm{1, 2, 4, 8};
+  return static_cast<u32>(m[0] | m[1] | m[2] | m[3]);
+}
+PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
+  u32 r = 0;
+  for (u32 k = 0; k < 4; ++k) r |= ((p[k] ^ flipped) & some) == 0 ? 1u << k : 0u;
+  return r;
 }
 #else
 using Vf = float;

@@ -7,7 +7,7 @@
 namespace parhelion {
 namespace {
 
-using namespace baseline;  // pictures are the same with every instruction set
+using namespace PH_ISA;  // one of its own (CMakeLists.txt); pictures are the same with each
 
 // Watches the steps of one path.
 class Recorder {
