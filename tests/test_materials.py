@@ -190,7 +190,7 @@ def test_samples_follow_their_density(name: str, params: dict[str, Any]) -> None
             slack = 0.01 + 4 * np.sqrt((1 - share) / len(w))
             streak = abs(params.get("anisotropy", 0.0)) > 0.9
             p = direction_chi_square(
-                w, pdf, axis, bins=(6, 10), slack=slack, points=8 if streak else 2
+                w, pdf, axis, bins=(6, 10), slack=slack, points=5 if streak else 2
             )
             assert p > sidak(2 * len(VARIANTS) * len(OUTGOING)), (wo, side)
 
