@@ -4,8 +4,9 @@ Two kinds of made scenes, from a thousand primitives to a million, or ten with -
 waves as triangles, and a box of random spheres. And the triangles of scenes as people make them,
 large beside small, which trees find harder. Three kinds of rays: a camera's, neighbours side by
 side; what bounces from there in all directions, for the nearest hit; and the same for any hit. Both
-get them as arrays in one call. And how long the tree takes, from arrays to the first ray and until
-it is gone, on the same core; for ours with all checks.
+get them as arrays in one call. And how long the tree takes, from the arrays that the core takes to
+the first ray and until it is gone, on the same core; and for ours the whole scene, as it is made in
+Python, with all checks and a look at how much memory there is.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from .summary import Row, ratios
 SIDE = 512  # rays of a picture's side
 SHAPES = ("triangles", "spheres")
 SCENES = ("helmet", "sponza", "classroom", "coffee")  # of the gallery
+BUILDS = ("tree", "scene")
 RAYS = ("camera", "bounce", "any hit")
 PROGRAMS = ("parhelion", "embreex")
 SAME = 1e-3  # of the hits, by which programs may differ
@@ -63,23 +65,24 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
                     raise
                 notes.add(f"{name} was not measured with {what}: {problem}")
         for turn in range(plan.rounds + 1):
-            for kind in ("build", *RAYS):
+            for kind in (*BUILDS, *RAYS):
                 for name, worker in workers.items():
                     answer = worker.ask({"rays": kind})
-                    if kind != "build":
+                    if kind in RAYS:
                         hits[kind, name] = answer["hits"]
                     if turn:  # the first is not counted: pages are touched
                         speed.setdefault((kind, name), []).append(
-                            answer["seconds"]
-                            if kind == "build"
-                            else answer["rays"] / answer["seconds"] / 1e6
+                            answer["rays"] / answer["seconds"] / 1e6
+                            if kind in RAYS
+                            else answer["seconds"]
                         )
     finally:
         for worker in workers.values():
             worker.close()
     rows = []
     for (kind, name), values in speed.items():
-        more, unit = kind != "build", "s" if kind == "build" else "M/s"
+        more = kind in RAYS
+        unit = "M/s" if more else "s"
         row = Row(f"{what}, {kind}", name, unit, values, more=more)
         if name != "parhelion":
             pairs = ratios(values, speed[kind, "parhelion"])
@@ -88,7 +91,10 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
                 if abs(theirs - ours) > SAME * max(theirs, ours):
                     notes.add(f"{what}, {kind}: {name} has {theirs} hits, not {ours}")
             row = replace(row, against="parhelion", ratios=pairs)
-            row = replace(row, most_ratio=MOST[shape]) if more else replace(row, least_ratio=1.0)
+            if more:
+                row = replace(row, most_ratio=MOST[shape])
+            elif kind == "tree":
+                row = replace(row, least_ratio=1.0)
         rows.append(row)
     return rows
 

@@ -18,6 +18,10 @@ from typing import Any
 
 import numpy as np
 
+import parhelion as ph
+from parhelion import _core
+from parhelion.flatten import flatten
+
 from ..rays import bounces
 from ..scenes import BenchError
 
@@ -32,19 +36,22 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
         scene = dict(arrays)
     module = import_module(job["program"])
     known = getattr(module, "__version__", None) or version(job["program"])
-    query = PROGRAMS[job["program"]](scene)
+    program = PROGRAMS[job["program"]](scene)
+    query = program.tree()
     rays = {"camera": (scene["origins"], scene["directions"])}
     few = scene["origins"][:1], scene["directions"][:1]
     rays["bounce"] = rays["any hit"] = bounces(*rays["camera"], query(*rays["camera"], False))
+    builds = {"tree": program.tree, "scene": program.scene}
 
     def answer(request: dict[str, Any]) -> dict[str, Any]:
-        if request["rays"] == "build":
+        kind = request["rays"]
+        if kind in builds:
             start = time.perf_counter()  # of whatever threads there are
-            PROGRAMS[job["program"]](scene)(*few, False)
+            builds[kind]()(*few, False)
             return {"seconds": time.perf_counter() - start}
-        origins, directions = rays[request["rays"]]
+        origins, directions = rays[kind]
         begin = time.process_time()  # of one thread; the wall clock also counts others
-        found = query(origins, directions, request["rays"] == "any hit")
+        found = query(origins, directions, kind == "any hit")
         seconds = time.process_time() - begin
         hit = found if found.dtype == bool else np.isfinite(found)
         return {"seconds": seconds, "rays": len(origins), "hits": int(np.count_nonzero(hit))}
@@ -52,43 +59,59 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
     return {"version": known}, answer
 
 
-def _ours(scene: dict[str, Any]) -> Query:
-    import parhelion as ph
+class _Ours:
+    def __init__(self, arrays: dict[str, Any]) -> None:
+        self.arrays = arrays
+        self.flat = flatten(self._described())
 
-    shape: Any
-    if "faces" in scene:
-        shape = ph.Mesh(scene["vertices"], scene["faces"])
-    else:
-        shape = ph.Spheres(scene["centers"], scene["radius"])
-    core = ph.prepare(ph.Scene([shape])).core
+    def tree(self) -> Query:
+        """From what the core takes."""
+        return self._query(_core.Scene(self.flat.parts, None))
 
-    def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> np.ndarray:
-        if any_hit:
-            limits = np.full(len(origins), np.inf, np.float32)
-            return core.occluded(origins, directions, limits).view(np.bool_)
-        return core.intersect(origins, directions)[0]
+    def scene(self) -> Query:
+        """From arrays, as a user makes it."""
+        return self._query(ph.prepare(self._described()).core)
 
-    return query
+    def _described(self) -> ph.Scene:
+        if "faces" in self.arrays:
+            return ph.Scene([ph.Mesh(self.arrays["vertices"], self.arrays["faces"])])
+        return ph.Scene([ph.Spheres(self.arrays["centers"], self.arrays["radius"])])
+
+    @staticmethod
+    def _query(core: Any) -> Query:
+        def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> np.ndarray:
+            if any_hit:
+                limits = np.full(len(origins), np.inf, np.float32)
+                return core.occluded(origins, directions, limits).view(np.bool_)
+            return core.intersect(origins, directions)[0]
+
+        return query
 
 
-def _embree(scene: dict[str, Any]) -> Query:
-    library = _library()
-    if "faces" in scene:
-        points, faces = scene["vertices"], scene["faces"].astype(np.uint32)
-        made = library.embree_triangles(_at(points), len(points), _at(faces), len(faces))
-    else:
-        radius = np.broadcast_to(scene["radius"], len(scene["centers"]))
-        spheres = np.column_stack([scene["centers"], radius]).astype(np.float32)
-        made = library.embree_spheres(_at(spheres), len(spheres))
+class _Embree:
+    def __init__(self, arrays: dict[str, Any]) -> None:
+        self.library = _library()
+        if "faces" in arrays:
+            points, faces = arrays["vertices"], arrays["faces"].astype(np.uint32)
+            self.make, self.of = self.library.embree_triangles, [points, faces]
+        else:
+            radius = np.broadcast_to(arrays["radius"], len(arrays["centers"]))
+            spheres = np.column_stack([arrays["centers"], radius]).astype(np.float32)
+            self.make, self.of = self.library.embree_spheres, [spheres]
 
-    def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> np.ndarray:
-        found = np.empty(len(origins), bool if any_hit else np.float32)
-        ask = library.embree_any if any_hit else library.embree_nearest
-        ask(made, _at(origins), _at(directions), len(origins), _at(found))
-        return found
+    def tree(self) -> Query:
+        made = self.make(*(value for array in self.of for value in (_at(array), len(array))))
 
-    weakref.finalize(query, library.embree_release, made)
-    return query
+        def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> np.ndarray:
+            found = np.empty(len(origins), bool if any_hit else np.float32)
+            ask = self.library.embree_any if any_hit else self.library.embree_nearest
+            ask(made, _at(origins), _at(directions), len(origins), _at(found))
+            return found
+
+        weakref.finalize(query, self.library.embree_release, made)
+        return query
+
+    scene = tree  # there is nothing more to one
 
 
 def _at(array: np.ndarray) -> int:
@@ -127,7 +150,4 @@ def _library() -> ctypes.CDLL:
     return library
 
 
-PROGRAMS: dict[str, Callable[[dict[str, Any]], Query]] = {
-    "parhelion": _ours,
-    "embreex": _embree,
-}
+PROGRAMS: dict[str, Any] = {"parhelion": _Ours, "embreex": _Embree}
