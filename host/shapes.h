@@ -27,12 +27,21 @@ Shape make_primitive(const ShapeInput& s, size_t i, double scale) {
   return shape;
 }
 
+// Row i of an array of points.
+inline Vec3 point_of(const Numbers& points, size_t i, double scale) {
+  const auto scaled = [&](const auto* p) {
+    const auto at = [&](int k) { return static_cast<float>(static_cast<double>(p[k]) * scale); };
+    return Vec3{at(0), at(1), at(2)};
+  };
+  const void* row = points.row(i);
+  return points.is_double ? scaled(static_cast<const double*>(row))
+                          : scaled(static_cast<const float*>(row));
+}
+
 template <>
 inline baseline::Sphere make_primitive<baseline::Sphere>(const ShapeInput& s, size_t i,
                                                          double scale) {
-  const Numbers &centers = s.arrays[0], &radii = s.arrays[1];
-  const auto at = [&](int axis) { return static_cast<float>(centers.at(i, axis) * scale); };
-  return {{at(0), at(1), at(2)}, static_cast<float>(radii.at(i, 0) * scale)};
+  return {point_of(s.arrays[0], i, scale), static_cast<float>(s.arrays[1].at(i, 0) * scale)};
 }
 
 // Three vertices of a mesh.
@@ -40,11 +49,7 @@ template <>
 inline baseline::Triangle make_primitive<baseline::Triangle>(const ShapeInput& s, size_t i,
                                                              double scale) {
   baseline::Triangle t;
-  for (size_t k = 0; k < 3; ++k) {
-    const u32 v = s.faces[3 * i + k];
-    const auto at = [&](int axis) { return static_cast<float>(s.arrays[0].at(v, axis) * scale); };
-    t.vertex[k] = {at(0), at(1), at(2)};
-  }
+  for (size_t k = 0; k < 3; ++k) t.vertex[k] = point_of(s.arrays[0], s.faces[3 * i + k], scale);
   return t;
 }
 
@@ -52,12 +57,8 @@ inline baseline::Triangle make_primitive<baseline::Triangle>(const ShapeInput& s
 template <>
 inline baseline::Cylinder make_primitive<baseline::Cylinder>(const ShapeInput& s, size_t i,
                                                              double scale) {
-  const auto row = [&](const Numbers& a, double k) {
-    return Vec3{static_cast<float>(a.at(i, 0) * k), static_cast<float>(a.at(i, 1) * k),
-                static_cast<float>(a.at(i, 2) * k)};
-  };
-  return {row(s.arrays[0], scale), row(s.arrays[1], scale), row(s.arrays[2], 1.0),
-          static_cast<float>(s.arrays[3].at(i, 0) * scale)};
+  return {point_of(s.arrays[0], i, scale), point_of(s.arrays[1], i, scale),
+          point_of(s.arrays[2], i, 1.0), static_cast<float>(s.arrays[3].at(i, 0) * scale)};
 }
 
 // Shares of a strand and flags are no lengths.
