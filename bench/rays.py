@@ -4,9 +4,9 @@ Two kinds of made scenes, from a thousand primitives to a million, or ten with -
 waves as triangles, and a box of random spheres. And the triangles of scenes as people make them,
 large beside small, which trees find harder. Three kinds of rays: a camera's, neighbours side by
 side; what bounces from there in all directions, for the nearest hit; and the same for any hit. Both
-get them as arrays in one call. And how long the tree takes, from the arrays that the core takes to
-the first ray and until it is gone, on the same core; and for ours the whole scene, as it is made in
-Python, with all checks and a look at how much memory there is.
+get them as arrays in one call. And how long the tree takes, from the arrays that `_core.Scene` gets
+to the first ray and until the tree is gone, on one core of the processor; and for ours the whole
+scene, as it is made in Python, with all checks and a look at how much memory there is.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+import parhelion as ph
 
 from .process import Worker
 from .scenes import BenchError
@@ -118,9 +120,7 @@ def write_scene(path: Path, name: str) -> None:
 
     Raises BenchError if they cannot be had.
     """
-    import parhelion as ph
-
-    from . import gallery  # which the worker of another program does not need
+    from . import gallery  # which workers do not need
 
     scene = gallery.load(name, SIDE * SIDE)
     meshes = [shape for shape in scene.shapes if isinstance(shape, ph.Mesh)]
