@@ -129,11 +129,43 @@ def test_answers_that_are_lost_are_asked_for_again(
 
     monkeypatch.setattr(distributed.as_completed, "add", add)
     monkeypatch.setattr(dispatch, "LOOK", 0.02)
-    monkeypatch.setattr(dispatch, "_FETCH", 0.1)
+    monkeypatch.setattr(dispatch, "_FETCH", 0.3)
     made = ph.render(scene, cluster=client, threads=1, time_limit=60, **SIZE)
     assert made.stats.ended == "spp"
     assert len(lost) >= 5
     assert 2 in lost.values()
+    np.testing.assert_array_equal(made.numpy(), ph.render(scene, **SIZE).numpy())
+
+
+@pytest.mark.usefixtures("many_units")
+def test_units_that_all_workers_lose_are_given_to_others(
+    client: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Dask tells nothing of a unit that it loses: from the sixth on of each, when first handed."""
+    handed, once = Counter[int](), dispatch.Dispatcher.hand
+    add = distributed.as_completed.add
+
+    def hand(self: Any, task: Any, worker: str) -> None:
+        keys = set(task.keys)
+        once(self, task, worker)
+        number = task.unit.number
+        handed[number] += 1
+        if number > 5 and handed[number] == 1:
+            (key,) = task.keys - keys
+            silent = SimpleNamespace(done=lambda: False, cancel=lambda: None)
+            self._by_key[key].future = silent
+
+    def heard(self: Any, future: Any) -> None:
+        number = int(future.key.split("-")[-2])
+        if number <= 5 or handed[number]:
+            add(self, future)
+
+    monkeypatch.setattr(dispatch.Dispatcher, "hand", hand)
+    monkeypatch.setattr(distributed.as_completed, "add", heard)
+    monkeypatch.setattr(dispatch, "LOOK", 0.02)
+    made = ph.render(scene, cluster=client, threads=1, time_limit=60, **SIZE)
+    assert made.stats.ended == "spp"
+    assert min(handed[number] for number in range(6, max(handed) + 1)) > 1
     np.testing.assert_array_equal(made.numpy(), ph.render(scene, **SIZE).numpy())
 
 
@@ -756,9 +788,20 @@ def with_samples(session: Session, spp: int) -> Any:
     """The session's picture, once each pixel has so many."""
     end = time.monotonic() + 60
     while (frame := session.finished()).spp < spp:
-        assert time.monotonic() < end, (frame.spp, session.state()["error"])
+        assert time.monotonic() < end, (frame.spp, session.state()["error"], under_way(session))
         time.sleep(0.01)
     return frame
+
+
+def under_way(session: Session) -> Any:
+    """What a picture that stands still waits for."""
+    drawing: Any = session._drawing
+    if drawing is None or drawing.workers is None:
+        return drawing
+    crew, units = drawing.workers._roster, drawing.workers._dispatcher
+    given = {key: (g.worker, g.future.status, g.done) for key, g in list(units._by_key.items())}
+    asked = {address: (w.state, w.asked, w.has) for address, w in crew._workers.items()}
+    return given, units._standing, units._load, asked, crew._sending, crew._sent
 
 
 @pytest.mark.usefixtures("many_units")

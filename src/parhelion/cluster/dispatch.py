@@ -192,6 +192,8 @@ class Dispatcher:
         self._standing.update(*having)
         for task, theirs in zip(tasks, having, strict=True):
             others = self._roster.ready - self._standing - theirs
+            if not others and len(theirs) == 1:  # all are late: one may have lost what it had
+                others = self._roster.ready - theirs
             if others:
                 self.again += 1
                 self.hand(task, min(others, key=self._load.__getitem__))
