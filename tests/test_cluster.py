@@ -14,6 +14,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -135,6 +136,29 @@ def test_answers_that_are_lost_are_asked_for_again(
     assert len(lost) >= 5
     assert 2 in lost.values()
     np.testing.assert_array_equal(made.numpy(), ph.render(scene, **SIZE).numpy())
+
+
+@pytest.mark.usefixtures("many_units")
+def test_answers_come_by_the_clients_own_thread(
+    client: Any, scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever clients there are beside it, of which Dask would take the newest."""
+    threads, once = set[int](), distributed.as_completed._track_future
+
+    async def track(self: Any, future: Any) -> None:
+        threads.add(threading.get_ident())
+        await once(self, future)
+
+    monkeypatch.setattr(distributed.as_completed, "_track_future", track)
+    with places._processes(distributed, "local:1", 1) as other, distributed.Client(other) as newest:
+        assert distributed.default_client() is newest
+        assert newest.loop is not client.loop
+        same(ph.render(scene, cluster=client, threads=1, **SIZE), ph.render(scene, **SIZE))
+    assert threads == {client.sync(current_thread)}
+
+
+async def current_thread() -> int:
+    return threading.get_ident()
 
 
 @pytest.mark.usefixtures("many_units")

@@ -63,7 +63,9 @@ class Dispatcher:
         self._tasks: set[Task] = set()
         self._by_key: dict[str, _Given] = {}
         self._numbers = itertools.count()
-        self._coming = as_completed(with_results=True, raise_errors=False)
+        # by the client's own thread: of several clients Dask takes the newest, and a connection
+        # that two threads use breaks
+        self._coming = as_completed(loop=client.loop, with_results=True, raise_errors=False)
         self._load: Counter[str] = Counter()  # units that a worker has
         self._failing: Counter[str] = Counter()  # units in a row at which it has failed
         self._standing: set[str] = set()  # workers that are late, or fail
