@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
 import subprocess
 import sys
 import threading
@@ -78,9 +79,25 @@ def test_import_is_cheap() -> None:
         "dir(parhelion)\n"
         "print(*{m.partition('.')[0] for m in sys.modules} & {'numpy', 'msgspec', 'rich',"
         " 'matplotlib', 'OpenImageIO', 'chemfiles', 'gsd'})\n"
-        "print(*[m for m in sys.modules if m.startswith('parhelion')])\n"
+        "print(*sorted(m for m in sys.modules if m.startswith('parhelion')))\n"
     )
-    assert done.stdout == "\nparhelion\n", done.stderr
+    assert done.stdout == "\nparhelion parhelion._core\n", done.stderr
+
+
+@pytest.mark.parametrize("said", [{}, {"GOMP_SPINCOUNT": "77"}, {"OMP_WAIT_POLICY": "active"}])
+def test_threads_sleep_soon_unless_the_user_says_how_they_wait(said: dict[str, str]) -> None:
+    done = script(
+        "import os; before = dict(os.environ)\nimport parhelion; assert dict(os.environ) == before",
+        env={**os.environ, "OMP_DISPLAY_ENV": "verbose", **said},
+    )
+    assert done.returncode == 0, done.stderr
+    told = re.search(r"GOMP_SPINCOUNT = '(\d+)'", done.stderr)
+    if told is None:
+        pytest.skip("needs GCC's OpenMP, which tells how threads wait")
+    if "OMP_WAIT_POLICY" in said:
+        assert int(told[1]) > 10**9
+    else:
+        assert told[1] == said.get("GOMP_SPINCOUNT", "10000")
 
 
 def test_dir_lists_every_name_once() -> None:

@@ -70,6 +70,13 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
     return calls
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No charts, which take two seconds, where a test is about something else."""
+    monkeypatch.setattr(charts, "png", lambda *_: b"\x89PNG")
+    monkeypatch.setattr(charts, "svg", lambda _: "<svg></svg>")
+
+
 # ---- Amdahl and Karp-Flatt
 
 
@@ -426,6 +433,7 @@ def test_files_of_a_study(tmp_path, capsys) -> None:
     assert "serial fraction of 10 %" in out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_asked_of_the_renderer(tmp_path, engine: list[dict]) -> None:
     study(
         "--threads", "1,2", "--widths", "64,320", "--tree", "none", "--sampler", "independent",
@@ -450,14 +458,14 @@ def test_what_is_asked_of_the_renderer(tmp_path, engine: list[dict]) -> None:
     assert (low["spp"], high["spp"], low["width"]) == (3, 6, 320)
 
 
-@pytest.mark.usefixtures("engine")
+@pytest.mark.usefixtures("engine", "undrawn")
 def test_quiet_prints_nothing(tmp_path, capsys) -> None:
     assert study("--widths", "32", "-o", str(tmp_path), "--quiet") == 0
     captured = capsys.readouterr()
     assert (captured.out, captured.err) == ("", "")
 
 
-@pytest.mark.usefixtures("engine")
+@pytest.mark.usefixtures("engine", "undrawn")
 def test_a_picture_that_differs_is_an_error(tmp_path, monkeypatch, capsys) -> None:
     honest = ph.render
 
@@ -523,6 +531,7 @@ def test_a_stopped_study_leaves_a_complete_one_alone(tmp_path, engine, monkeypat
     assert len(document["runs"]) == 1
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("full", FILES)
 def test_a_full_disk_leaves_the_old_study_whole(full: str, tmp_path, monkeypatch) -> None:
     for name in FILES:
