@@ -40,8 +40,8 @@ inline double gaussian(double x, double radius) {
 // F. J. Harris, "On the use of windows for harmonic analysis", Proc. IEEE 66(1), 1978: the
 // four-term window of minimum side lobes.
 inline double blackman_harris(double x, double radius) {
-  const double t = x / radius;
-  return 0.35875 + 0.48829 * cos_pi(t) + 0.14128 * cos_pi(2.0 * t) + 0.01168 * cos_pi(3.0 * t);
+  const double c = cos_pi(x / radius), c2 = 2.0 * c * c - 1.0, c3 = (2.0 * c2 - 1.0) * c;
+  return 0.35875 + 0.48829 * c + 0.14128 * c2 + 0.01168 * c3;
 }
 
 inline double filter_value(FilterKind kind, double x, double radius) {

@@ -79,6 +79,34 @@ void read_traits(const CameraInput& input, const CameraTraits& traits, double di
   p.shift_y = input.shift[1];
 }
 
+FilterTable filter_table(FilterKind kind, double r) {
+  // The cumulative distribution of the first half, on a fine grid by Simpson's rule, then its
+  // inverse at equal steps of the root.
+  constexpr int fine = 8 * kFilterSteps;
+  constexpr double h = 1.0 / fine;
+  std::vector<double> sum(fine + 1, 0.0);
+  const auto f = [&](double u) { return filter_value(kind, r * (1.0 - u), r); };
+  double left = f(0.0);
+  for (int i = 0; i < fine; ++i) {
+    const double right = f((i + 1) * h);
+    sum[i + 1] = sum[i] + (left + 4.0 * f((i + 0.5) * h) + right) * h / 6.0;
+    left = right;
+  }
+  FilterTable table;
+  int at = 0;
+  for (int i = 0; i <= kFilterSteps; ++i) {
+    const double root = static_cast<double>(i) / kFilterSteps;
+    const double wanted = sum[fine] * root * root * root * root;
+    while (at < fine - 1 && sum[at + 1] < wanted) ++at;
+    const double width = sum[at + 1] - sum[at];
+    const double part = width > 0.0 ? (wanted - sum[at]) / width : 0.0;
+    table.offset[i] = static_cast<float>(r * ((at + part) * h - 1.0));
+  }
+  table.offset[0] = static_cast<float>(-r);
+  table.offset[kFilterSteps] = 0.0f;
+  return table;
+}
+
 }  // namespace
 
 // With t towards the target and v up, b = v x t points to the viewer's left. The published formula
@@ -162,26 +190,15 @@ FilterTable make_filter(const std::string& name, double radius) {
     throw SceneError("filter_radius is " + std::to_string(radius) +
                      "; must lie between 0 and 32 pixels");
   }
-  // The cumulative distribution on a fine grid by Simpson's rule, then its inverse at equal steps.
-  constexpr int fine = 16 * kFilterSteps;
-  std::vector<double> sum(fine + 1, 0.0);
-  const auto f = [&](double u) { return filter_value(kind, r * (2.0 * u - 1.0), r); };
-  for (int i = 0; i < fine; ++i) {
-    const double a = static_cast<double>(i) / fine, h = 1.0 / fine;
-    sum[i + 1] = sum[i] + (f(a) + 4.0 * f(a + 0.5 * h) + f(a + h)) * h / 6.0;
+  // Kept: it takes longer than a small picture, and each asks for it twice. By thread, so that none
+  // waits, nor a process that was forked meanwhile.
+  thread_local FilterKind last{};
+  thread_local double last_radius = 0.0;
+  thread_local FilterTable table;
+  if (kind != last || r != last_radius) {
+    table = filter_table(kind, r);
+    last = kind, last_radius = r;
   }
-  FilterTable table;
-  int at = 0;
-  for (int i = 0; i <= kFilterSteps; ++i) {
-    const double root = static_cast<double>(i) / kFilterSteps;
-    const double wanted = sum[fine] * 0.5 * root * root * root * root;
-    while (at < fine - 1 && sum[at + 1] < wanted) ++at;
-    const double width = sum[at + 1] - sum[at];
-    const double part = width > 0.0 ? (wanted - sum[at]) / width : 0.0;
-    table.offset[i] = static_cast<float>(r * (2.0 * (at + part) / fine - 1.0));
-  }
-  table.offset[0] = static_cast<float>(-r);
-  table.offset[kFilterSteps] = 0.0f;
   return table;
 }
 
