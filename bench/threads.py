@@ -3,12 +3,16 @@
 All counts in turns, so that a machine that slows down slows all. By the clock, and by the
 processor, threads together: the first has also what waits, at the end of a picture or for a lock;
 the second, which other programs hardly disturb, only what caches and memory that are shared cost.
+And as many processes of one thread each: what the machine allows where nothing at all is shared.
 """
 
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from functools import partial
+from statistics import mean
 from typing import Any
 
 from .process import Worker
@@ -17,6 +21,8 @@ from .summary import Row, ratios
 
 # Speed-up over the number of threads, at least.
 EFFICIENCY = 0.97
+# Each holds the scene.
+MOST_PROCESSES = 8
 
 
 def threads(plan: Any, notes: Any) -> list[Row]:
@@ -46,14 +52,19 @@ def _scene(plan: Any, notes: Any, name: str) -> list[Row]:
 
     s = load(name, plan.width * plan.height).settings
     job = {"scene": name, "pixels": plan.width * plan.height, "threads": plan.threads}
-    worker = Worker(OURS, job | {"width": s.width, "height": s.height, "depth": s.max_depth})
-    notes.versions[OURS] = worker.known
-    try:
-        tried = counts(plan.threads)
-        runs = [(named(n), partial(worker.render, plan.spp, threads=n)) for n in tried]
+    job |= {"width": s.width, "height": s.height, "depth": s.max_depth}
+    tried = counts(plan.threads)
+    apart = f"{plan.threads} processes"
+    with ExitStack() as stack:
+        workers = []
+        for _ in range(plan.threads if 1 < plan.threads <= MOST_PROCESSES else 1):
+            workers.append(Worker(OURS, job))
+            stack.callback(workers[-1].close)
+        notes.versions[OURS] = workers[0].known
+        runs = [(named(n), partial(workers[0].render, plan.spp, threads=n)) for n in tried]
+        if len(workers) > 1:
+            runs.append((apart, partial(_together, workers, plan.spp)))
         answers = alternate(runs, plan.rounds)
-    finally:
-        worker.close()
     rows = []
     for words, clock in (("clock", "seconds"), ("processor", "cpu_seconds")):
         values = {n: [a[clock] for a in answers[named(n)]] for n in tried}
@@ -71,4 +82,17 @@ def _scene(plan: Any, notes: Any, name: str) -> list[Row]:
                 }
             )
             rows.append(Row(f"threads, {name}, {words}", named(n), "s", values[n], **pairs))
+    if apart in answers:
+        # of the same number of pictures
+        seconds = [a["seconds"] / plan.threads for a in answers[apart]]
+        base = [a["seconds"] for a in answers[named(plan.threads)]]
+        what, pairs = f"threads, {name}, clock", ratios(seconds, base)
+        rows.append(Row(what, apart, "s", seconds, against=named(plan.threads), ratios=pairs))
     return rows
+
+
+def _together(workers: list[Worker], spp: int) -> dict[str, Any]:
+    """A picture by each at once, on one thread each. seconds: the mean of theirs."""
+    with ThreadPoolExecutor(len(workers)) as pool:
+        answers = list(pool.map(lambda worker: worker.render(spp, threads=1), workers))
+    return {"seconds": mean(a["seconds"] for a in answers)}
