@@ -148,7 +148,7 @@ struct Pass {
   Clock::time_point next = Clock::now() + kTickInterval;
   std::mutex mutex;
   std::condition_variable ended;
-  int at_work = 0;
+  int ended_threads = 0;
 
   explicit Pass(const Tick& t) : tick(t) {}
 
@@ -163,11 +163,11 @@ struct Pass {
 
   // A thread that has no tile left. Thread 0 goes on ticking until all are here: the others may
   // have much to do yet, and must still be stoppable.
-  void end(bool first_thread) {
+  void end(bool first_thread, int threads) {
     std::unique_lock<std::mutex> lock(mutex);
-    if (--at_work == 0) ended.notify_one();
-    while (first_thread && at_work > 0) {
-      if (ended.wait_for(lock, kTickInterval, [&] { return at_work == 0; })) return;
+    if (++ended_threads == threads) ended.notify_one();
+    while (first_thread && ended_threads < threads) {
+      if (ended.wait_for(lock, kTickInterval, [&] { return ended_threads == threads; })) return;
       lock.unlock();
       maybe_tick(0, 0);
       lock.lock();
@@ -319,11 +319,10 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, std::span<con
     case Schedule::guided: omp_set_schedule(omp_sched_guided, 1); break;
   }
   Pass pass(tick);
+  const WakeApart apart(options.threads);
 #pragma omp parallel num_threads(options.threads)
   {
     const bool first_thread = omp_get_thread_num() == 0;
-#pragma omp single
-    pass.at_work = omp_get_num_threads();  // may be fewer than were asked for
 #pragma omp for schedule(runtime) nowait
     for (i64 tile = 0; tile < tiles; ++tile) {
       const auto end = std::upper_bound(ends.begin(), ends.end(), tile);
@@ -341,7 +340,7 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, std::span<con
       pass.samples.fetch_add(done, std::memory_order_relaxed);
       pass.rays.fetch_add(stats.rays, std::memory_order_relaxed);
     }
-    pass.end(first_thread);
+    pass.end(first_thread, omp_get_num_threads());  // which may be fewer than were asked for
   }
   return {pass.samples.load(), pass.rays.load(), !pass.stop.load()};
 }

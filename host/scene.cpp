@@ -1,5 +1,7 @@
 #include "scene.h"
 
+#include <omp.h>
+
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -225,6 +227,7 @@ Scene::Scene(SceneInput input, u64 memory_limit)
       colored = colored || s.colors;
     }
   }
+  const WakeApart apart(primitive_count_ > kFewElements ? omp_get_max_threads() : 1);
   if (many_materials) material_of_ = Array<u32>(primitive_count_);
   if (colored) {
     color_of_ = Array<Vec3>(primitive_count_);

@@ -1,6 +1,9 @@
 // Tests of core and host without Python, for the sanitizers to watch: every kernel, every
 // instruction set, builds and renders on several threads, stops and errors.
 #include <omp.h>
+#if defined(__linux__)
+#include <sched.h>
+#endif
 
 #include <algorithm>
 #include <bit>
@@ -21,6 +24,7 @@
 #include "../../host/render.h"
 #include "../../host/samples.h"
 #include "../../host/scene.h"
+#include "../../host/threads.h"
 #include "../../host/view.h"
 #include "check.h"
 
@@ -804,6 +808,46 @@ void trees_do_not_depend_on_threads() {
   }
 }
 
+#if defined(__linux__)
+// The processors that each thread of OpenMP may run on.
+std::vector<std::vector<bool>> processors_of_threads(int threads) {
+  std::vector<std::vector<bool>> found(static_cast<size_t>(threads));
+#pragma omp parallel num_threads(threads)
+  {
+    cpu_set_t may;
+    CHECK(sched_getaffinity(0, sizeof may, &may) == 0);
+    for (size_t k = 0; k < CPU_SETSIZE; ++k) {
+      found[static_cast<size_t>(omp_get_thread_num())].push_back(CPU_ISSET(k, &may));
+    }
+  }
+  return found;
+}
+
+void threads_wake_apart_and_are_free_again() {
+  const auto before = processors_of_threads(2);
+  if (std::count(before[0].begin(), before[0].end(), true) < 2 ||
+      omp_get_proc_bind() != omp_proc_bind_false) {
+    return;
+  }
+  for (int time = 0; time < 3; ++time) {
+    if (time == 2) processors_of_threads(1);  // after which GCC's OpenMP makes new ones
+    {
+      const WakeApart apart(2);
+      const auto during = processors_of_threads(2);
+      CHECK(during[0] == before[0]);
+      size_t left_out = 0;
+      for (size_t k = 0; k < CPU_SETSIZE; ++k) left_out += before[1][k] && !during[1][k];
+      CHECK(left_out == 1);
+    }
+    CHECK(processors_of_threads(2) == before);
+    for (int threads : {1, 1000}) {
+      const WakeApart apart(threads);
+      CHECK(processors_of_threads(2) == before);
+    }
+  }
+}
+#endif
+
 // Centres that coincide, and sizes over fourteen powers of ten: the tree's depth stays bounded.
 void hard_cases_build() {
   std::vector<double> centers, radii;
@@ -1081,6 +1125,9 @@ int main() {
   sums_are_exact_in_any_order();
   mistakes_are_named();
   probes_run();
+#if defined(__linux__)
+  threads_wake_apart_and_are_free_again();
+#endif
   release_threads();
   std::printf("core tests: %d failed\n", failures);
   return failures == 0 ? 0 : 1;
