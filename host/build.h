@@ -18,7 +18,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <functional>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -197,7 +196,8 @@ class TreeBuilder {
     } else {
       divide_many(centers);
     }
-    expect((few ? count_ : in_turn()) * kCopied + in_turn() * kForked);
+    const u64 at_once = in_turn();
+    expect((few ? count_ : at_once) * kCopied + at_once * kForked);
     make_jobs();
     refs_ = {}, spare_ = {};
     count_up();
@@ -254,8 +254,10 @@ class TreeBuilder {
       }
     }
     for (size_t i = 0; i < top_.size(); ++i) nodes[i] = by_surface(top_[i]);
-#pragma omp parallel for schedule(dynamic, 1) if (jobs_.size() > 1)
-    for (size_t i = 0; i < jobs_.size(); ++i) {
+    const std::vector<size_t> turns = largest_first();
+#pragma omp parallel for schedule(dynamic, 1) if (turns.size() > 1)
+    for (size_t turn = 0; turn < turns.size(); ++turn) {
+      const size_t i = turns[turn];
       const Local& made = jobs_[i].made;
       Node* to = nodes + (first_node[i] - node_base);
       for (const Node& n : made.nodes) {
@@ -405,14 +407,15 @@ class TreeBuilder {
   }
 
   void make_jobs() {
+    const std::vector<size_t> turns = largest_first();
     MemoryGuard guard;
-#pragma omp parallel if (jobs_.size() > 1)
+#pragma omp parallel if (turns.size() > 1)
     {
       Array<Ref> refs, spare;
 #pragma omp for schedule(dynamic, 1)
-      for (size_t i = 0; i < jobs_.size(); ++i) {
+      for (size_t turn = 0; turn < turns.size(); ++turn) {
         guard.run([&] {
-          Job& job = jobs_[i];
+          Job& job = jobs_[turns[turn]];
           Ref *own = job.refs, *room = job.spare;
           if (!own) {
             if (refs.size() < job.size) {
@@ -437,15 +440,22 @@ class TreeBuilder {
     guard.check();
   }
 
+  // So that no thread waits in the end for another's large part.
+  std::vector<size_t> largest_first() const {
+    std::vector<size_t> turns(jobs_.size());
+    std::iota(turns.begin(), turns.end(), size_t{0});
+    std::stable_sort(turns.begin(), turns.end(),
+                     [&](size_t a, size_t b) { return jobs_[a].size > jobs_[b].size; });
+    return turns;
+  }
+
   // Primitives of the largest parts that are divided at a time, one a thread.
   u64 in_turn() const {
-    std::vector<size_t> sizes;
-    for (const Job& job : jobs_) sizes.push_back(job.size);
-    const size_t most = std::min(sizes.size(), static_cast<size_t>(omp_get_max_threads()));
-    std::partial_sort(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(most), sizes.end(),
-                      std::greater<>());
-    return std::accumulate(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(most),
-                           u64{0});
+    const std::vector<size_t> turns = largest_first();
+    const size_t most = std::min(turns.size(), static_cast<size_t>(omp_get_max_threads()));
+    u64 sum = 0;
+    for (size_t turn = 0; turn < most; ++turn) sum += jobs_[turns[turn]].size;
+    return sum;
   }
 
   // centers: of all primitives.
