@@ -8,6 +8,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/variant.h>
 #include <nanobind/stl/vector.h>
+#include <omp.h>
 
 #include <array>
 #include <cstring>
@@ -924,6 +925,9 @@ NB_MODULE(_core, m) {
   m.def("tables", &tables);
   m.def("instruction_sets", &instruction_sets);
   m.def("instruction_set", [] { return std::string(kernels().name); });
+  // Clang's OpenMP reads the environment when it is first called, which is to be while __init__.py
+  // has its words there.
+  omp_get_max_threads();
   // OpenMP's threads do not survive a fork, and a child that waits for them hangs.
   nb::object os = nb::module_::import_("os");
   if (nb::hasattr(os, "register_at_fork")) {

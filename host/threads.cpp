@@ -8,8 +8,6 @@
 #include <sched.h>
 #include <sys/syscall.h>
 #include <unistd.h>
-
-#include <string>
 #endif
 
 namespace parhelion {
@@ -20,17 +18,16 @@ namespace {
 
 constexpr int kMost = 16;
 
+// The processors that it may run on, and those that it may meanwhile.
 struct Worker {
   pid_t id;
-  cpu_set_t processors;  // that it may run on
+  cpu_set_t all, others;
 };
 
 // The threads that OpenMP keeps for the caller, which lives as long as they do, as last asked for.
 thread_local std::vector<pid_t> known;
 
-bool is_ours(pid_t id) {
-  return id != 0 && access(("/proc/self/task/" + std::to_string(id)).c_str(), F_OK) == 0;
-}
+bool is_ours(pid_t id) { return id != 0 && syscall(SYS_tgkill, getpid(), id, 0) == 0; }
 
 // OpenMP ends some when it is asked for fewer, and all before a fork.
 bool all_known(int threads) {
@@ -64,25 +61,31 @@ WakeApart::WakeApart(int threads) {
   }
   if (!all_known(threads)) {
     ask(threads);
-    if (!all_known(threads)) return;  // fewer than were asked for, or nobody tells whose they are
+    if (!all_known(threads)) return;  // fewer than were asked for
   }
   const int here = sched_getcpu();
   if (here < 0) return;
   kept_ = std::make_unique<Kept>();
+  kept_->workers.reserve(known.size());
   for (const pid_t id : known) {
-    Worker w{id, {}};
-    if (sched_getaffinity(id, sizeof w.processors, &w.processors) != 0) continue;
-    cpu_set_t others = w.processors;
-    CPU_CLR(static_cast<std::size_t>(here), &others);
-    if (CPU_COUNT(&others) == 0 || sched_setaffinity(id, sizeof others, &others) != 0) continue;
-    kept_->workers.push_back(w);
+    Worker w{id, {}, {}};
+    if (sched_getaffinity(id, sizeof w.all, &w.all) != 0) continue;
+    w.others = w.all;
+    CPU_CLR(static_cast<std::size_t>(here), &w.others);
+    if (CPU_COUNT(&w.others) == 0 || CPU_EQUAL(&w.others, &w.all)) continue;
+    if (sched_setaffinity(id, sizeof w.others, &w.others) == 0) kept_->workers.push_back(w);
   }
 }
 
 WakeApart::~WakeApart() {
   if (!kept_) return;
   for (const Worker& w : kept_->workers) {
-    if (is_ours(w.id)) sched_setaffinity(w.id, sizeof w.processors, &w.processors);
+    cpu_set_t now;
+    // What somebody else has said meanwhile stays.
+    if (is_ours(w.id) && sched_getaffinity(w.id, sizeof now, &now) == 0 &&
+        CPU_EQUAL(&now, &w.others)) {
+      sched_setaffinity(w.id, sizeof w.all, &w.all);
+    }
   }
 }
 

@@ -190,8 +190,8 @@ FilterTable make_filter(const std::string& name, double radius) {
     throw SceneError("filter_radius is " + std::to_string(radius) +
                      "; must lie between 0 and 32 pixels");
   }
-  // Kept: it takes longer than a small picture, and each asks for it twice. By thread, so that none
-  // waits, nor a process that was forked meanwhile.
+  // Kept: it takes longer than a small picture, and the next one asks for the same. By each thread,
+  // so that there is no lock which a fork might leave locked.
   thread_local FilterKind last{};
   thread_local double last_radius = 0.0;
   thread_local FilterTable table;

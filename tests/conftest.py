@@ -15,8 +15,8 @@ import pytest
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Tests run side by side on the same cores, where threads that spin for work take it from others, as
-# those do that NumPy multiplies matrices with. Before it is loaded, also by processes of tests.
+# Tests run side by side on the same cores, where threads that spin for work take it from others.
+# NumPy's do, which multiply matrices; it is told before it is loaded, here and in tests' processes.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 REPOSITORY = Path(__file__).resolve().parent.parent

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <cstdio>
@@ -15,6 +16,7 @@
 #include <memory>
 #include <random>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "../../core/material.h"
@@ -815,7 +817,8 @@ std::vector<std::vector<bool>> processors_of_threads(int threads) {
 #pragma omp parallel num_threads(threads)
   {
     cpu_set_t may;
-    CHECK(sched_getaffinity(0, sizeof may, &may) == 0);
+    CPU_ZERO(&may);
+    sched_getaffinity(0, sizeof may, &may);  // none of more than a thousand
     for (size_t k = 0; k < CPU_SETSIZE; ++k) {
       found[static_cast<size_t>(omp_get_thread_num())].push_back(CPU_ISSET(k, &may));
     }
@@ -830,7 +833,12 @@ void threads_wake_apart_and_are_free_again() {
     return;
   }
   for (int time = 0; time < 3; ++time) {
-    if (time == 2) processors_of_threads(1);  // after which GCC's OpenMP makes new ones
+#if !defined(__clang__)  // whose OpenMP, of LLVM 14, cannot go on after that
+    if (time == 2) {
+      release_threads();                                           // others take their place
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));  // they are not gone at once
+    }
+#endif
     {
       const WakeApart apart(2);
       const auto during = processors_of_threads(2);
