@@ -12,6 +12,7 @@
 
 #include "errors.h"
 #include "threads.h"
+#include "wake_apart.h"
 
 namespace parhelion {
 

@@ -12,6 +12,7 @@
 #include "shapes.h"
 #include "sky.h"
 #include "threads.h"
+#include "wake_apart.h"
 
 namespace parhelion {
 namespace {

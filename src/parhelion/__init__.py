@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 # Idle threads of OpenMP spin before they sleep: GCC's for 300,000 rounds (1 to 15 ms), Clang's for
 # 200 ms. What else runs on these cores waits meanwhile: of two processes that render small pictures
-# each took up to 1.8 times as long. With these, some 0.1 ms and none, no picture takes longer.
+# each took up to 1.8 times as long. With these, 0.1 ms and none, one alone takes as long.
 _SPINS = {"GOMP_SPINCOUNT": "10000", "KMP_BLOCKTIME": "0"}
 
 

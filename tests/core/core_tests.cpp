@@ -26,8 +26,8 @@
 #include "../../host/render.h"
 #include "../../host/samples.h"
 #include "../../host/scene.h"
-#include "../../host/threads.h"
 #include "../../host/view.h"
+#include "../../host/wake_apart.h"
 #include "check.h"
 
 namespace {

@@ -1,7 +1,8 @@
-#include "threads.h"
+#include "wake_apart.h"
 
 #include <omp.h>
 
+#include <cstddef>
 #include <vector>
 
 #if defined(__linux__)
