@@ -158,30 +158,50 @@ void warp_pdf(WarpKind kind, float parameter, const Vec3* w, u64 n, float* out) 
   }
 }
 
+// Calls f(sample, value): what `sample` and `value_of` do for m and wo, of which what depends on
+// these alone is worked out once. It may be a quadrature.
+template <class Material, class F>
+void with_seen(const Material& m, Vec3 wo, F&& f) {
+  if constexpr (Prepares<Material>) {
+    const auto seen = prepare(m, wo);
+    f([&](const BsdfDraws& u, BsdfSample& out) { return sample(m, seen, wo, u, out); },
+      [&](Vec3 wi) {
+        const auto v = evaluate(m, seen, wo, wi);
+        return BsdfValue{v.value, v.pdf};
+      });
+  } else {
+    f([&](const BsdfDraws& u, BsdfSample& out) { return sample(m, wo, u, out); },
+      [&](Vec3 wi) { return value_of(m, wo, wi); });
+  }
+}
+
 void bsdf_sample(const ParamBlock& block, Vec3 wo, SamplerKind kind, u64 seed, u64 n,
                  BsdfProbe* out) {
   with_material(block, [&](const auto& m) {
-    for (u64 i = 0; i < n; ++i) {
-      const u32 index = static_cast<u32>(i);
-      const Sampler sampler = make_sampler(kind, 0, 0, index, seed);
-      BsdfSample s = {{0, 0, 0}, {0, 0, 0}, 0.0f, 1.0f, false};
-      const BsdfDraws u = {draw2(sampler, bounce_draw(1) + kDrawDirection),
-                           draw1(sampler, bounce_draw(1) + kDrawLobe)};
-      const bool scattered = sample(m, wo, u, s);
-      if (!scattered) s.weight = {0, 0, 0};
-      // As the path tracer sees it, without the change of radiance in glass.
-      out[i] = {s.wi, s.weight * (s.eta * s.eta), s.pdf, s.delta};
-    }
+    with_seen(m, wo, [&](auto&& sampled, auto&&) {
+      for (u64 i = 0; i < n; ++i) {
+        const u32 index = static_cast<u32>(i);
+        const Sampler sampler = make_sampler(kind, 0, 0, index, seed);
+        BsdfSample s = {{0, 0, 0}, {0, 0, 0}, 0.0f, 1.0f, false};
+        const BsdfDraws u = {draw2(sampler, bounce_draw(1) + kDrawDirection),
+                             draw1(sampler, bounce_draw(1) + kDrawLobe)};
+        if (!sampled(u, s)) s.weight = {0, 0, 0};
+        // As the path tracer sees it, without the change of radiance in glass.
+        out[i] = {s.wi, s.weight * (s.eta * s.eta), s.pdf, s.delta};
+      }
+    });
   });
 }
 
 void bsdf_eval(const ParamBlock& block, Vec3 wo, const Vec3* wi, u64 n, Vec3* value,
                float* density) {
   with_material(block, [&](const auto& m) {
-    for (u64 i = 0; i < n; ++i) {
-      value[i] = eval(m, wo, wi[i]);
-      density[i] = pdf(m, wo, wi[i]);
-    }
+    with_seen(m, wo, [&](auto&&, auto&& value_towards) {
+      for (u64 i = 0; i < n; ++i) {
+        const BsdfValue v = value_towards(wi[i]);
+        value[i] = v.value, density[i] = v.pdf;
+      }
+    });
   });
 }
 

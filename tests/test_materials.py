@@ -141,15 +141,7 @@ def gives_back(name: str, params: Mapping[str, Any]) -> bool:
 @by_variant
 def test_samples_follow_their_density(name: str, params: dict[str, Any]) -> None:
     material = white(name, params)
-    single = material
-    if name in (
-        "conductor",
-        "dielectric",
-    ):  # their densities are the same without, and sooner found
-        single = white(name, {**params, "compensation": "off"})
-    # where variants are many and densities dear, fewer directions
-    count_of = {"principled": 2, "dielectric": 3, "plastic": 3, "conductor": 3}
-    for i, wo in enumerate(OUTGOING[1 : 1 + count_of[name]] if name in count_of else OUTGOING):
+    for i, wo in enumerate(OUTGOING):
         count = 30_000
         wi, weight, density, delta = _core.bsdf_sample(material, wo, 10 + i, count)
         alive = weight[:, 0] > 0
@@ -169,7 +161,7 @@ def test_samples_follow_their_density(name: str, params: dict[str, Any]) -> None
         # Rounding may move a sample over the limb of a lobe, where its density has a pole.
         known = again > 0
         assert known.mean() > 0.98
-        np.testing.assert_allclose(again[known], density[smooth][known], rtol=1e-4)
+        np.testing.assert_allclose(again[known], density[smooth][known], rtol=2e-4)
         np.testing.assert_allclose(
             weight[smooth][known] * density[smooth][known, None], value[known], rtol=2e-4
         )
@@ -184,13 +176,13 @@ def test_samples_follow_their_density(name: str, params: dict[str, Any]) -> None
 
             def pdf(v: np.ndarray, wo=wo, side=side, share=share) -> np.ndarray:
                 here = v[:, 2] * side > 0
-                return _core.bsdf_eval(single, wo, v)[1] * here / share
+                return _core.bsdf_eval(material, wo, v)[1] * here / share
 
             # the share is itself a count
             slack = 0.01 + 4 * np.sqrt((1 - share) / len(w))
             streak = abs(params.get("anisotropy", 0.0)) > 0.9
             p = direction_chi_square(
-                w, pdf, axis, bins=(6, 10), slack=slack, points=5 if streak else 2
+                w, pdf, axis, bins=(6, 10), slack=slack, points=5 if streak else 3
             )
             assert p > sidak(2 * len(VARIANTS) * len(OUTGOING)), (wo, side)
 
@@ -624,15 +616,20 @@ def test_dispersion_gives_each_colour_its_own_index(name: str) -> None:
 
     count = 12
     split = np.array([blocks(seed, ior=ior, dispersion=20 / abbe) for seed in range(count)])
+    plain = np.array([blocks(seed, ior=ior) for seed in range(count)])
     for channel, step in enumerate((-0.5, 0.0, 0.5)):
-        own = [blocks(seed, ior=ior + step * (ior - 1) / abbe) for seed in range(count)]
-        there, here = np.array(own)[..., channel], split[..., channel]
+        own = (
+            np.array([blocks(seed, ior=ior + step * (ior - 1) / abbe) for seed in range(count)])
+            if step
+            else plain
+        )
+        there, here = own[..., channel], split[..., channel]
         error = np.sqrt((there.var(axis=0, ddof=1) + here.var(axis=0, ddof=1)) / count)
         z = (here.mean(axis=0) - there.mean(axis=0)) / error
         assert np.abs(z).max() < 5, (channel, z)  # 22 degrees of freedom, 48 blocks
         if step:  # the plain glass is told apart
-            plain = np.array([blocks(seed, ior=ior) for seed in range(count)])[..., channel]
-            assert np.abs((plain.mean(axis=0) - here.mean(axis=0)) / error).max() > 9
+            wrong = plain[..., channel].mean(axis=0) - here.mean(axis=0)
+            assert np.abs(wrong / error).max() > 9
 
 
 def test_white_furnace_with_lights() -> None:

@@ -273,7 +273,7 @@ def test_ctrl_c_leaves_whole_pictures_and_the_old_film(tmp_path: Path, name: str
     fake_ffmpeg(tmp_path / "bin")
     path = f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"
     (tmp_path / "a.mp4").write_bytes(b"old")
-    command = [sys.executable, "-m", "parhelion", "render", "--turntable", "100000", "--width"]
+    command = [sys.executable, "-m", "parhelion", "render", "--turntable", "10000", "--width"]
     process = subprocess.Popen(
         [*command, "64", "--spp", "4", "-o", name],
         cwd=tmp_path,
@@ -295,7 +295,7 @@ def test_ctrl_c_leaves_whole_pictures_and_the_old_film(tmp_path: Path, name: str
         process.communicate()
     assert process.returncode == 130
     told = re.fullmatch(
-        r"parhelion: stopped after (\d+) of 100000 pictures"
+        r"parhelion: stopped after (\d+) of 10000 pictures"
         r"; (?:(a\.mp4 was not written)|--skip-existing makes the others)\n",
         said,
     )
