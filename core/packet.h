@@ -21,8 +21,17 @@ PH_INLINE void bounds_of(const Rows<Vec3, kBatch>& rows, u32 lanes, Vec3& low, V
   extremes(own, low, high);
 }
 
-// False where there are none, as directions differ in sign or have a 0, or something is no number;
-// a NaN that is passed over instead does no harm, as its ray meets nothing.
+// The axis along which all rays of some lanes run fastest, or -1 if it differs.
+PH_INLINE int fastest_axis(const Rows<Vec3, kBatch>& direction, u32 lanes) {
+  u32 axis[kBatch];
+  for (u32 k = 0; k < kBatch; ++k) axis[k] = static_cast<u32>(fastest_axis(direction.at(k)));
+  const u32 first = axis[lowest_bit(lanes)];
+  return (lanes & ~equal(first, axis)) == 0 ? static_cast<int>(first) : -1;
+}
+
+// False where there are none, as directions differ in sign, have a 0 or run fastest along other
+// axes, or something is no number; a NaN that is passed over instead does no harm, as its ray meets
+// nothing.
 PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBatch>& direction,
                          u32 lanes, Bundle& b) {
   Vec3 d_low, d_high;
@@ -37,8 +46,10 @@ PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBat
   b.origin = (b.low + b.high) * 0.5f, b.direction = (d_low + d_high) * 0.5f;
   b.origin_off = (b.high - b.low) * 0.5f + pad, b.direction_off = (d_high - d_low) * 0.5f + pad;
   b.radius = length(b.origin_off), b.spread = length(b.direction_off);
-  return d_low.x * d_high.x > 0.0f && d_low.y * d_high.y > 0.0f && d_low.z * d_high.z > 0.0f &&
-         finite(b.inverse_low) && finite(b.inverse_high) && finite(b.low) && finite(b.high);
+  b.along = fastest_axis(direction, lanes);
+  return b.along >= 0 && d_low.x * d_high.x > 0.0f && d_low.y * d_high.y > 0.0f &&
+         d_low.z * d_high.z > 0.0f && finite(b.inverse_low) && finite(b.inverse_high) &&
+         finite(b.low) && finite(b.high);
 }
 
 // Bit i: some ray may meet child i's box before `limit`, at near[i] at the earliest.
@@ -92,14 +103,16 @@ PH_INLINE u32 test_box_for_each(const Node& node, u32 child, const Packet& rays,
   return bits(first <= last * all(kSlabSlack));
 }
 
-// One primitive against all rays.
+// One primitive against all rays. along: as in Bundle.
 template <class Shape>
-PH_APART inline void test_primitive(const Shape& shape, Child leaf, u32 lane, u32 id,
+PH_APART inline void test_primitive(const Shape& shape, Child leaf, u32 lane, u32 id, int along,
                                     const Rows<Vec3, kBatch>& __restrict origin,
                                     const Rows<Vec3, kBatch>& __restrict direction,
                                     NearestHits& __restrict best) {
+  alignas(64) float distance[kBatch];
+  if (!intersect_rays(shape, origin, direction, along, best.t, distance)) return;
   for (u32 k = 0; k < kBatch; ++k) {
-    const float t = intersect_one(shape, origin.at(k), direction.at(k));
+    const float t = distance[k];
     const bool first = (best.slot.instance[k] != kNone) | (id < best.id[k]);
     const bool nearer = (0.0f < t) & ((t < best.t[k]) | ((t == best.t[k]) & first));
     best.t[k] = nearer ? t : best.t[k];
@@ -115,8 +128,8 @@ template <class Block>
 PH_APART inline void test_block_together(const Block& block, Child leaf, const Bundle& bundle,
                                          float limit, Packet& rays) {
   for_each_bit(intersect_bundle(block, bundle, limit), [&](u32 i) {
-    test_primitive(primitive(block, i), leaf, i, block.id[i], rays.origin, rays.direction,
-                   rays.best);
+    test_primitive(primitive(block, i), leaf, i, block.id[i], bundle.along, rays.origin,
+                   rays.direction, rays.best);
   });
 }
 

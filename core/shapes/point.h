@@ -1,7 +1,7 @@
 // What every shape says of the places on it, and the algebra in double that some of them need.
 #pragma once
 #include "../projection.h"
-#include "../simd.h"
+#include "../rows.h"
 #include "../special.h"
 #include "../warp.h"
 
@@ -44,6 +44,13 @@ PH_INLINE Box padded(Vec3 low, Vec3 high) {
 }
 
 PH_INLINE float component(Vec3 a, int axis) { return axis == 0 ? a.x : axis == 1 ? a.y : a.z; }
+PH_INLINE int next_axis(int axis) { return axis == 2 ? 0 : axis + 1; }
+// Along which a direction's component is the largest; without a branch.
+PH_INLINE int fastest_axis(Vec3 d) {
+  const float ax = abs(d.x), ay = abs(d.y), az = abs(d.z);
+  const bool along_x = (ax >= ay) & (ax >= az);
+  return along_x ? 0 : ay >= az ? 1 : 2;
+}
 PH_INLINE Vec3 min(Vec3 a, Vec3 b) { return {min(a.x, b.x), min(a.y, b.y), min(a.z, b.z)}; }
 PH_INLINE Vec3 max(Vec3 a, Vec3 b) { return {max(a.x, b.x), max(a.y, b.y), max(a.z, b.z)}; }
 
@@ -120,6 +127,7 @@ struct Bundle {
   Vec3 origin, direction;
   Vec3 origin_off, direction_off;
   float radius, spread;
+  int along;  // the axis along which all run fastest
 };
 
 // --- Directions towards points of a surface -----------------------------------------------------

@@ -105,14 +105,20 @@ PH_INLINE u32 intersect_bundle(const SphereBlock& block, const Bundle& rays, flo
   return bits(px * px + py * py + pz * pz <= within * within) & bits(far - size <= all(limit));
 }
 
-// The distance at which a ray that does not start on a sphere meets it; 0 if it does not.
-PH_INLINE float intersect_one(const Sphere& s, Vec3 origin, Vec3 direction) {
-  const Vec3 f = s.center - origin;
-  float along, under, depth;
-  pass(f.x, f.y, f.z, direction.x, direction.y, direction.z, s.radius, along, under, depth);
-  const bool touched = (0.0f <= under) & (0.0f < max(along, depth));
-  const float t = first_root(along, under, depth);
-  return touched ? t : 0.0f;
+// The distances at which sixteen rays, none of which starts on a sphere, meet it; 0 where they do
+// not.
+PH_INLINE bool intersect_rays(const Sphere& s, const Rows<Vec3, kLanes>& origin,
+                              const Rows<Vec3, kLanes>& direction, int, const float (&)[kLanes],
+                              float (&distance)[kLanes]) {
+  for (u32 k = 0; k < kLanes; ++k) {
+    const Vec3 f = s.center - origin.at(k), d = direction.at(k);
+    float along, under, depth;
+    pass(f.x, f.y, f.z, d.x, d.y, d.z, s.radius, along, under, depth);
+    const bool touched = (0.0f <= under) & (0.0f < max(along, depth));
+    const float t = first_root(along, under, depth);
+    distance[k] = touched ? t : 0.0f;
+  }
+  return true;
 }
 
 // Where a ray meets the surface at distance t. The point is brought back onto the sphere; of a ray

@@ -67,10 +67,7 @@ struct Shear {
 };
 
 PH_INLINE Shear shear_along(Vec3 direction) {
-  const float ax = abs(direction.x), ay = abs(direction.y), az = abs(direction.z);
-  const bool along_x = (ax >= ay) & (ax >= az);  // without a branch
-  const int z = along_x ? 0 : ay >= az ? 1 : 2;
-  const int x = z == 2 ? 0 : z + 1, y = x == 2 ? 0 : x + 1;
+  const int z = fastest_axis(direction), x = next_axis(z), y = next_axis(x);
   const float inverse = 1.0f / component(direction, z);
   return {x, y, z, component(direction, x) * inverse, component(direction, y) * inverse, inverse};
 }
@@ -99,17 +96,17 @@ PH_INLINE bool pierced(const Triangle& t, const Ray& ray, const Shear& shear, We
 }
 
 // Distance at which the ray passes through a triangle that is no mere line. Without
-// branches all is worked out, and 0 stands for what lies behind.
+// branches all is worked out, and 0 stands for what lies behind. z: the ray's fastest axis.
 template <bool kBranches = true>
-PH_INLINE float distance_to(const Triangle& t, const Ray& ray, const Shear& shear) {
+PH_INLINE float distance_to(const Triangle& t, Vec3 origin, Vec3 direction, int z_axis) {
   const DVec3 n = doubled_area(t);
   // By the plane: the weights' rounding would make a distance of the 0 at which a ray that starts
   // on a neighbour's edge meets this one. Of rays along the plane, between the vertices'.
-  const double height = dot(n, difference(t.vertex[0], ray.origin));
-  double at = height / dot(n, to_double(ray.direction));
-  const double start = component(ray.origin, shear.z), step = component(ray.direction, shear.z);
-  const float a = component(t.vertex[0], shear.z), b = component(t.vertex[1], shear.z);
-  const float c = component(t.vertex[2], shear.z);
+  const double height = dot(n, difference(t.vertex[0], origin));
+  double at = height / dot(n, to_double(direction));
+  const double start = component(origin, z_axis), step = component(direction, z_axis);
+  const float a = component(t.vertex[0], z_axis), b = component(t.vertex[1], z_axis);
+  const float c = component(t.vertex[2], z_axis);
   const double low = min(a, min(b, c)), high = max(a, max(b, c));
   const double z = start + at * step;
   if (!kBranches || z < low || z > high) {
@@ -126,23 +123,24 @@ PH_INLINE float distance_to(const Triangle& t, const Ray& ray, const Shear& shea
   return static_cast<float>(at);
 }
 
-// What float tells of a block's triangles, a bit for each.
+// What float tells of sixteen rays and triangles, a bit for each.
 struct Passed {
   u32 may;     // the ray may pass through at a distance in (0, limit]
   u32 does;    // of all: it passes through, at whatever distance
   u32 within;  // of all: if it does, it is at a distance in (0, limit]
 };
 
-PH_INLINE Passed pass(const TriangleBlock& block, const Ray& ray, const Shear& shear, float limit) {
-  const Lanes origin_x = all(component(ray.origin, shear.x));
-  const Lanes origin_y = all(component(ray.origin, shear.y));
-  const Lanes origin_z = all(component(ray.origin, shear.z));
-  const Lanes step_x = all(shear.step_x), step_y = all(shear.step_y);
+// Of each the ray's origin, the shear's steps and inverse, and the limit; vertex(k, axis) is
+// coordinate x, y or z (0, 1, 2) of vertex k. All of them are by the shear's axes.
+template <class Vertex>
+PH_INLINE Passed pass(Vertex&& vertex, const Lanes& origin_x, const Lanes& origin_y,
+                      const Lanes& origin_z, const Lanes& step_x, const Lanes& step_y,
+                      const Lanes& inverse, const Lanes& limit) {
   Lanes x[3], y[3], z[3];
   for (int k = 0; k < 3; ++k) {
-    z[k] = load(block.vertex[k][shear.z]) - origin_z;
-    x[k] = (load(block.vertex[k][shear.x]) - origin_x) - step_x * z[k];
-    y[k] = (load(block.vertex[k][shear.y]) - origin_y) - step_y * z[k];
+    z[k] = vertex(k, 2) - origin_z;
+    x[k] = (vertex(k, 0) - origin_x) - step_x * z[k];
+    y[k] = (vertex(k, 1) - origin_y) - step_y * z[k];
   }
   const Lanes a = x[2] * y[1] - y[2] * x[1];
   const Lanes b = x[0] * y[2] - y[0] * x[2];
@@ -151,13 +149,21 @@ PH_INLINE Passed pass(const TriangleBlock& block, const Ray& ray, const Shear& s
   const u32 may = bits((zero <= least) | (most <= zero));
   if (may == 0) return {0, 0, 0};
   // The distance lies between those of the vertices along z, each of them rounded three times.
-  const Lanes inverse = all(shear.inverse);
-  for (Lanes& vertex : z) vertex = vertex * inverse;
+  for (Lanes& along : z) along = along * inverse;
   const Lanes nearest = min(z[0], min(z[1], z[2])), farthest = max(z[0], max(z[1], z[2]));
   constexpr float kSlack = 0x1p-21f;
-  return {may & bits((zero < farthest) & (nearest <= all(limit * (1.0f + kSlack)))),
+  return {may & bits((zero < farthest) & (nearest <= limit * all(1.0f + kSlack))),
           bits((zero < least) | (most < zero)),
-          bits((zero < nearest) & (farthest <= all(limit * (1.0f - kSlack))))};
+          bits((zero < nearest) & (farthest <= limit * all(1.0f - kSlack)))};
+}
+
+// A block's triangles and one ray.
+PH_INLINE Passed pass(const TriangleBlock& block, const Ray& ray, const Shear& shear, float limit) {
+  const int axis[3] = {shear.x, shear.y, shear.z};
+  return pass([&](int k, int i) { return load(block.vertex[k][axis[i]]); },
+              all(component(ray.origin, shear.x)), all(component(ray.origin, shear.y)),
+              all(component(ray.origin, shear.z)), all(shear.step_x), all(shear.step_y),
+              all(shear.inverse), all(limit));
 }
 
 // Whether the ray does meet a triangle that it may meet, and at what distance.
@@ -166,7 +172,7 @@ PH_INLINE bool met(const TriangleBlock& block, u32 lane, const Passed& passed, c
   const Triangle t = primitive(block, lane);
   Weights w;
   if ((passed.does >> lane & 1u) == 0 && !pierced(t, ray, shear, w)) return false;
-  distance = distance_to(t, ray, shear);
+  distance = distance_to(t, ray.origin, ray.direction, shear.z);
   return distance > 0.0f && distance <= limit;
 }
 
@@ -234,15 +240,30 @@ PH_INLINE u32 intersect_bundle(const TriangleBlock& block, const Bundle& rays, f
   return there & bits(least <= all(limit)) & bits(all(0.0f) <= way) & ~(above & below);
 }
 
-// The distance at which a ray that does not start on a triangle meets it, behind its origin if
-// negative; 0 if it does not.
-PH_INLINE float intersect_one(const Triangle& t, Vec3 origin, Vec3 direction) {
-  const Ray ray = {origin, direction, kNoSlot, false};
-  const Shear shear = shear_along(direction);
-  Weights w;
-  const bool inside = pierced(t, ray, shear, w);
-  const float distance = distance_to<false>(t, ray, shear);
-  return inside ? distance : 0.0f;
+// The distances at which sixteen rays, none of which starts on a triangle, meet it; 0 or less where
+// they do not. False if none does before its limit. along: the axis along which all run fastest.
+PH_INLINE bool intersect_rays(const Triangle& t, const Rows<Vec3, kLanes>& origin,
+                              const Rows<Vec3, kLanes>& direction, int along,
+                              const float (&limit)[kLanes], float (&distance)[kLanes]) {
+  const int x = next_axis(along), y = next_axis(x);
+  const int axis[3] = {x, y, along};
+  const Lanes inverse = all(1.0f) / load(direction.row[along]);
+  const Passed passed =
+      pass([&](int k, int i) { return all(component(t.vertex[k], axis[i])); }, load(origin.row[x]),
+           load(origin.row[y]), load(origin.row[along]), load(direction.row[x]) * inverse,
+           load(direction.row[y]) * inverse, inverse, load(limit));
+  u32 hits = passed.may & passed.does;
+  for_each_bit(passed.may & ~passed.does, [&](u32 k) {
+    const Ray ray = {origin.at(k), direction.at(k), kNoSlot, false};
+    Weights w;
+    hits |= (pierced(t, ray, shear_along(ray.direction), w) ? 1u : 0u) << k;
+  });
+  if (hits == 0) return false;
+  for (u32 k = 0; k < kLanes; ++k) {
+    const float at = distance_to<false>(t, origin.at(k), direction.at(k), along);
+    distance[k] = (hits >> k & 1u) != 0 ? at : 0.0f;
+  }
+  return true;
 }
 
 // Whether any is hit but those of `ignored`, a bit for each.
