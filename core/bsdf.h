@@ -4,14 +4,14 @@
 // A material M, materials/NAME.h, has
 //   a struct M whose members are its parameters in the order of M::params; the first is its colour,
 //     which a primitive's own colour replaces
-//   is_delta(m)             all of it is mirror-like: eval and pdf are 0
+//   is_delta(m)             all of it is mirror-like: both of the next are 0
 //   eval(m, wo, wi)         f |cos wi|
 //   pdf(m, wo, wi)          density of sample, per steradian
+//   evaluate(m, wo, wi)     instead of these both, as `value` and `pdf`, if that is cheaper
 //   sample(m, wo, u, out)   false where the path ends
 //   lobe_draws = true       if sample takes `lobe`, too
 //   transmits = true        if light can pass: it is then asked for on both sides of the surface,
 //                           else only for wo above it, whichever side is seen
-//   evaluate(m, wo, wi)     eval and pdf, as `value` and `pdf`, if they are cheaper together
 //   albedo(m)               for features, if the colour is not good enough
 //   emitted(m)              radiance, only if it shines
 //   float mirror_pull       behind its parameters, 0 in blocks, if it chooses by chance what to
@@ -106,6 +106,11 @@ PH_INLINE BsdfValue value_of(const Material& m, Vec3 wo, Vec3 wi) {
 template <class Material>
 concept Prepares = requires(const Material& m) { prepare(m, Vec3{}); };
 
+template <Prepares Material, class Prepared>
+PH_INLINE BsdfValue value_of(const Material& m, const Prepared& prepared, Vec3 wo, Vec3 wi) {
+  const auto both = evaluate(m, prepared, wo, wi);
+  return {both.value, both.pdf};
+}
 template <Prepares Material>
 PH_INLINE auto evaluate(const Material& m, Vec3 wo, Vec3 wi) {
   return evaluate(m, prepare(m, wo), wo, wi);

@@ -22,7 +22,7 @@ PH_INLINE void bounds_of(const Rows<Vec3, kBatch>& rows, u32 lanes, Vec3& low, V
 }
 
 // The axis along which all rays of some lanes run fastest, or -1 if it differs.
-PH_INLINE int fastest_axis(const Rows<Vec3, kBatch>& direction, u32 lanes) {
+PH_INLINE int common_axis(const Rows<Vec3, kBatch>& direction, u32 lanes) {
   u32 axis[kBatch];
   for (u32 k = 0; k < kBatch; ++k) axis[k] = static_cast<u32>(fastest_axis(direction.at(k)));
   const u32 first = axis[lowest_bit(lanes)];
@@ -46,7 +46,7 @@ PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBat
   b.origin = (b.low + b.high) * 0.5f, b.direction = (d_low + d_high) * 0.5f;
   b.origin_off = (b.high - b.low) * 0.5f + pad, b.direction_off = (d_high - d_low) * 0.5f + pad;
   b.radius = length(b.origin_off), b.spread = length(b.direction_off);
-  b.along = fastest_axis(direction, lanes);
+  b.along = common_axis(direction, lanes);
   return b.along >= 0 && d_low.x * d_high.x > 0.0f && d_low.y * d_high.y > 0.0f &&
          d_low.z * d_high.z > 0.0f && finite(b.inverse_low) && finite(b.inverse_high) &&
          finite(b.low) && finite(b.high);

@@ -26,6 +26,7 @@
 #include "../core/view.h"
 #include "array.h"
 #include "memory.h"
+#include "partition.h"
 #include "threads.h"
 
 #if defined(__SSE2__)
@@ -797,15 +798,17 @@ class TreeBuilder {
       }
     };
     size_t i = 0;
-    if (p.size > kManyForBins) {
-      // Neighbours often share bins, where one would wait for what the other has stored.
-      Bin others[3][kCount];
-      for (; i + 1 < p.size; i += 2) {
-        put(p.refs[i], bins);
-        put(p.refs[i + 1], others);
-      }
-      for (int k = 0; k < 3; ++k) {
-        for (size_t b = 0; b < kCount; ++b) bins[k][b].grow(others[k][b]);
+    if constexpr (kCount == kBins) {
+      if (p.size > kManyForBins) {
+        // Neighbours often share bins, where one would wait for what the other has stored.
+        Bin others[3][kCount];
+        for (; i + 1 < p.size; i += 2) {
+          put(p.refs[i], bins);
+          put(p.refs[i + 1], others);
+        }
+        for (int k = 0; k < 3; ++k) {
+          for (size_t b = 0; b < kCount; ++b) bins[k][b].grow(others[k][b]);
+        }
       }
     }
     for (; i < p.size; ++i) put(p.refs[i], bins);
@@ -824,37 +827,6 @@ class TreeBuilder {
     return best;
   }
 
-  // Brings those before the plane to the front. Where a primitive lies cannot be predicted, so no
-  // branch depends on it: places of those on the wrong side are gathered, and then these exchanged.
-  // Method: S. Edelkamp and A. Weiss, "BlockQuicksort: Avoiding Branch Mispredictions in
-  // Quicksort", ESA 2016.
-  static void partition(const Part& p, const Plane& plane) {
-    constexpr size_t kBlock = 64;
-    Ref *from = p.refs, *const middle = p.refs + plane.count, *to = p.refs + p.size;
-    Ref *wrong_left[kBlock], *wrong_right[kBlock];
-    size_t left = 0, lefts = 0, right = 0, rights = 0;
-    for (;;) {
-      if (left == lefts) {
-        left = lefts = 0;
-        for (Ref* const end = from + std::min<std::ptrdiff_t>(kBlock, middle - from); from != end;
-             ++from) {
-          wrong_left[lefts] = from;
-          lefts += !plane.before(*from);
-        }
-      }
-      if (right == rights) {
-        right = rights = 0;
-        for (Ref* const end = to - std::min<std::ptrdiff_t>(kBlock, to - middle); to != end;) {
-          wrong_right[rights] = --to;
-          rights += plane.before(*to);
-        }
-      }
-      const size_t pairs = std::min(lefts - left, rights - right);
-      for (size_t i = 0; i < pairs; ++i) std::swap(*wrong_left[left++], *wrong_right[right++]);
-      if ((left == lefts && from == middle) || (right == rights && to == middle)) return;
-    }
-  }
-
   // Divides a part in two of the least expected cost; by the middle one where centres coincide.
   // Apart, or all forks above one would keep room for bins.
   PH_APART static void split(const Part& p, Part& left, Part& right) {
@@ -863,7 +835,8 @@ class TreeBuilder {
       split_by_count(p, left, right);
       return;
     }
-    partition(p, plane);
+    partition(p.refs, p.refs + plane.count, p.refs + p.size,
+              [&](const Ref& r) { return plane.before(r); });
     left = measure(p.refs, plane.count);
     right = measure(p.refs + plane.count, p.size - plane.count);
     fill_leaves(p, plane.axis, left, right);

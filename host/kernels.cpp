@@ -158,17 +158,14 @@ void warp_pdf(WarpKind kind, float parameter, const Vec3* w, u64 n, float* out) 
   }
 }
 
-// Calls f(sample, value): what `sample` and `value_of` do for m and wo, of which what depends on
-// these alone is worked out once. It may be a quadrature.
+// Calls f(sampled, value_towards): what `sample` and `value_of` do for m and wo. What depends on
+// these alone is worked out once, which may be a quadrature.
 template <class Material, class F>
 void with_seen(const Material& m, Vec3 wo, F&& f) {
   if constexpr (Prepares<Material>) {
     const auto seen = prepare(m, wo);
     f([&](const BsdfDraws& u, BsdfSample& out) { return sample(m, seen, wo, u, out); },
-      [&](Vec3 wi) {
-        const auto v = evaluate(m, seen, wo, wi);
-        return BsdfValue{v.value, v.pdf};
-      });
+      [&](Vec3 wi) { return value_of(m, seen, wo, wi); });
   } else {
     f([&](const BsdfDraws& u, BsdfSample& out) { return sample(m, wo, u, out); },
       [&](Vec3 wi) { return value_of(m, wo, wi); });

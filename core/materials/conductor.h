@@ -99,9 +99,6 @@ PH_INLINE ConductorValue evaluate(const Conductor& m, const SeenConductor& seen,
   return {f.value * rough, f.pdf * rough};
 }
 
-PH_INLINE Vec3 eval(const Conductor& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
-PH_INLINE float pdf(const Conductor& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
-
 PH_INLINE bool sample(const Conductor& m, const SeenConductor& seen, Vec3 wo, const BsdfDraws& u,
                       BsdfSample& out) {
   const bool delta = smooth(seen.facets);

@@ -130,9 +130,6 @@ PH_INLINE DielectricValue evaluate(const Dielectric& m, const SeenDielectric& se
   return rough_value(m, seen, wo, wi);
 }
 
-PH_INLINE Vec3 eval(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
-PH_INLINE float pdf(const Dielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
-
 PH_INLINE bool sample(const Dielectric& m, const SeenDielectric& seen, Vec3 wo, const BsdfDraws& u,
                       BsdfSample& out) {
   const float side = copysign(1.0f, wo.z);

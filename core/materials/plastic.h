@@ -263,9 +263,6 @@ inline PlasticValue evaluate(const Plastic& m, const SeenPlastic& seen, Vec3 wo,
                      seen.let_in * let_in(m, seen.coat, wi), wo, wi);
 }
 
-inline Vec3 eval(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
-inline float pdf(const Plastic& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
-
 inline bool sample(const Plastic& m, const SeenPlastic& seen, Vec3 wo, const BsdfDraws& u,
                    BsdfSample& out) {
   if (seen.coat.smooth) return sample(smooth_plastic(m, seen), wo, u, out);

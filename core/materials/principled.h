@@ -408,9 +408,6 @@ inline PrincipledValue evaluate(const Principled& m, const Layers& l, Vec3 wo, V
   return value_within(m, l, to_facets(m, wi, copysign(1.0f, wo.z)));
 }
 
-inline Vec3 eval(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
-inline float pdf(const Principled& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
-
 inline bool sample(const Principled& m, const Layers& l, Vec3 wo, const BsdfDraws& u,
                    BsdfSample& out) {
   Vec2 number = u.direction;

@@ -70,9 +70,6 @@ inline ThinDielectricValue evaluate(const ThinDielectric& m, Vec3 wo, Vec3 wi) {
   return evaluate(m, d, wo, wi);
 }
 
-inline Vec3 eval(const ThinDielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).value; }
-inline float pdf(const ThinDielectric& m, Vec3 wo, Vec3 wi) { return evaluate(m, wo, wi).pdf; }
-
 inline bool sample(const ThinDielectric& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   const Microfacets d = microfacets(m);
   const bool delta = smooth(d);

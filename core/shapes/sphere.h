@@ -106,7 +106,7 @@ PH_INLINE u32 intersect_bundle(const SphereBlock& block, const Bundle& rays, flo
 }
 
 // The distances at which sixteen rays, none of which starts on a sphere, meet it; 0 where they do
-// not.
+// not. Axes and limits help with nothing here, and it is always true that some may.
 PH_INLINE bool intersect_rays(const Sphere& s, const Rows<Vec3, kLanes>& origin,
                               const Rows<Vec3, kLanes>& direction, int, const float (&)[kLanes],
                               float (&distance)[kLanes]) {

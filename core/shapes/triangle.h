@@ -8,11 +8,11 @@
 // Method: Woop, Benthin and Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013.
 //
 // In float the sign of an edge function is right or it is 0, since rounding keeps the order of its
-// two products. So float tells which of sixteen triangles the ray passes through; where a function
-// is 0 double decides, in which the products are exact. Float also leaves out those whose vertices
-// all lie behind the ray or beyond its limit. The distance of the others, of which the nearest
-// counts, is taken in double: the weights of a needle would mean nothing in float. A shadow ray
-// needs none where all vertices lie between.
+// two products. So float tells which of sixteen triangles a ray passes through, or which of sixteen
+// rays pass through a triangle; where a function is 0 double decides, in which the products are
+// exact. Float also leaves out those whose vertices all lie behind the ray or beyond its limit. The
+// distance of the others, of which the nearest counts, is taken in double: the weights of a needle
+// would mean nothing in float. A shadow ray needs none where all vertices lie between.
 #pragma once
 #include "point.h"
 
@@ -95,30 +95,24 @@ PH_INLINE bool pierced(const Triangle& t, const Ray& ray, const Shear& shear, We
   return (below | above) & (w.sum != 0.0);
 }
 
-// Distance at which the ray passes through a triangle that is no mere line. Without
-// branches all is worked out, and 0 stands for what lies behind. z: the ray's fastest axis.
+// Distance at which a ray passes through a triangle that is no mere line, `along` being its fastest
+// axis. Without branches all is worked out.
 template <bool kBranches = true>
-PH_INLINE float distance_to(const Triangle& t, Vec3 origin, Vec3 direction, int z_axis) {
+PH_INLINE float distance_to(const Triangle& t, Vec3 origin, Vec3 direction, int along) {
   const DVec3 n = doubled_area(t);
   // By the plane: the weights' rounding would make a distance of the 0 at which a ray that starts
   // on a neighbour's edge meets this one. Of rays along the plane, between the vertices'.
   const double height = dot(n, difference(t.vertex[0], origin));
   double at = height / dot(n, to_double(direction));
-  const double start = component(origin, z_axis), step = component(direction, z_axis);
-  const float a = component(t.vertex[0], z_axis), b = component(t.vertex[1], z_axis);
-  const float c = component(t.vertex[2], z_axis);
+  const double start = component(origin, along), step = component(direction, along);
+  const float a = component(t.vertex[0], along), b = component(t.vertex[1], along);
+  const float c = component(t.vertex[2], along);
   const double low = min(a, min(b, c)), high = max(a, max(b, c));
   const double z = start + at * step;
   if (!kBranches || z < low || z > high) {
     const double between = (clamp(z, low, high) - start) / step;
     const bool outside = (z < low) | (z > high);
     at = outside ? between : at;
-    if constexpr (!kBranches) {
-      // What lies behind is not met, as `pass` has it, where rounding may put it ahead of a vertex.
-      // Here, as compilers make branches of it elsewhere.
-      const bool ahead = ((low - start) * step > 0.0) | ((high - start) * step > 0.0);
-      at = ahead ? at : 0.0;
-    }
   }
   return static_cast<float>(at);
 }
@@ -240,8 +234,9 @@ PH_INLINE u32 intersect_bundle(const TriangleBlock& block, const Bundle& rays, f
   return there & bits(least <= all(limit)) & bits(all(0.0f) <= way) & ~(above & below);
 }
 
-// The distances at which sixteen rays, none of which starts on a triangle, meet it; 0 or less where
-// they do not. False if none does before its limit. along: the axis along which all run fastest.
+// The distances at which sixteen rays, none of which starts on a triangle, meet it; of those that
+// do not before their limits, 0 or what lies beyond. False only if none does. along: the axis along
+// which all run fastest.
 PH_INLINE bool intersect_rays(const Triangle& t, const Rows<Vec3, kLanes>& origin,
                               const Rows<Vec3, kLanes>& direction, int along,
                               const float (&limit)[kLanes], float (&distance)[kLanes]) {

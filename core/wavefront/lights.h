@@ -137,8 +137,7 @@ inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v)
           const Vec3 wo = v.local_wo.at(k), wi = v.local_wi.at(k);
           if constexpr (Prepares<Material>) {
             const auto& seen = v.prepared[k].template as<decltype(prepare(material, wo))>();
-            const auto both = evaluate(material, seen, wo, wi);
-            v.scattered.set(k, BsdfValue{both.value, both.pdf});
+            v.scattered.set(k, value_of(material, seen, wo, wi));
           } else {
             v.scattered.set(k, value_of(material, wo, wi));
           }

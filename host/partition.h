@@ -1,0 +1,41 @@
+// Dividing in two by what cannot be predicted.
+#pragma once
+#include <algorithm>
+#include <cstddef>
+#include <utility>
+
+namespace parhelion {
+
+// std::partition, the order in the parts included, where it is known that those for which `first`
+// is true end at `middle`. No branch depends on `first`, half of which processors would guess
+// wrong: the places of those on the wrong side are gathered, and then these exchanged. Should
+// `middle` be wrong, it ends all the same, with some on the wrong side.
+// Method: S. Edelkamp and A. Weiss, "BlockQuicksort: Avoiding Branch Mispredictions in Quicksort",
+// ESA 2016.
+template <class T, class First>
+void partition(T* from, T* const middle, T* to, First&& first) {
+  constexpr std::ptrdiff_t kBlock = 64;
+  T *wrong_left[kBlock], *wrong_right[kBlock];
+  size_t left = 0, lefts = 0, right = 0, rights = 0;
+  for (;;) {
+    if (left == lefts) {
+      left = lefts = 0;
+      for (T* const end = from + std::min(kBlock, middle - from); from != end; ++from) {
+        wrong_left[lefts] = from;
+        lefts += !first(*from);
+      }
+    }
+    if (right == rights) {
+      right = rights = 0;
+      for (T* const end = to - std::min(kBlock, to - middle); to != end;) {
+        wrong_right[rights] = --to;
+        rights += first(*to);
+      }
+    }
+    const size_t pairs = std::min(lefts - left, rights - right);
+    for (size_t i = 0; i < pairs; ++i) std::swap(*wrong_left[left++], *wrong_right[right++]);
+    if ((left == lefts && from == middle) || (right == rights && to == middle)) return;
+  }
+}
+
+}  // namespace parhelion
