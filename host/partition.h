@@ -6,10 +6,11 @@
 
 namespace parhelion {
 
-// std::partition, the order in the parts included, where it is known that those for which `first`
-// is true end at `middle`. No branch depends on `first`, half of which processors would guess
-// wrong: the places of those on the wrong side are gathered, and then these exchanged. Should
-// `middle` be wrong, it ends all the same, with some on the wrong side.
+// Brings those for which `first` is true to the front, where it is known that they will end at
+// `middle`. Of those on the wrong side each from the front changes places with the next from the
+// back; what order that leaves is the same everywhere, which std::partition does not promise. No
+// branch depends on `first`, half of which processors would guess wrong: places are gathered before
+// any change. Should `middle` be wrong, it ends all the same, with some on the wrong side.
 // Method: S. Edelkamp and A. Weiss, "BlockQuicksort: Avoiding Branch Mispredictions in Quicksort",
 // ESA 2016.
 template <class T, class First>
