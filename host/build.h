@@ -25,123 +25,15 @@
 
 #include "../core/view.h"
 #include "array.h"
+#include "bins.h"
+#include "boxes.h"
+#include "forks.h"
+#include "grid.h"
 #include "memory.h"
-#include "partition.h"
+#include "sah.h"
 #include "threads.h"
 
-#if defined(__SSE2__)
-#include <emmintrin.h>
-#endif
-
 namespace parhelion {
-
-struct Aabb {
-  float low[3] = {INFINITY, INFINITY, INFINITY};
-  float high[3] = {-INFINITY, -INFINITY, -INFINITY};
-
-  void grow(const float (&p)[3]) {
-    for (int k = 0; k < 3; ++k) {
-      low[k] = std::min(low[k], p[k]);
-      high[k] = std::max(high[k], p[k]);
-    }
-  }
-};
-
-// What the tree is built over: a primitive's box, its number in its group, and the user's shape
-// that it belongs to.
-struct Ref {
-  float low[3];
-  u32 id;
-  float high[3];
-  u32 shape;
-};
-
-// Three coordinates at once; the fourth lane means nothing.
-#if defined(__SSE2__)
-struct Point {
-  __m128 v;
-  static Point all(float x) { return {_mm_set1_ps(x)}; }
-  // p[3] may be anything, so it is masked: arithmetic on what is no number may be slow.
-  static Point of(const float* p) {
-    const __m128i mask = _mm_set_epi32(0, -1, -1, -1);
-    return {_mm_and_ps(_mm_loadu_ps(p), _mm_castsi128_ps(mask))};
-  }
-  void store(float (&p)[4]) const { _mm_storeu_ps(p, v); }
-  friend Point min(Point a, Point b) { return {_mm_min_ps(a.v, b.v)}; }
-  friend Point max(Point a, Point b) { return {_mm_max_ps(a.v, b.v)}; }
-  friend Point operator+(Point a, Point b) { return {_mm_add_ps(a.v, b.v)}; }
-  friend Point operator-(Point a, Point b) { return {_mm_sub_ps(a.v, b.v)}; }
-  friend Point operator*(Point a, Point b) { return {_mm_mul_ps(a.v, b.v)}; }
-  // xy + yz + zx
-  friend float sum_of_products(Point a) {
-    const __m128 p = _mm_mul_ps(a.v, _mm_shuffle_ps(a.v, a.v, _MM_SHUFFLE(3, 0, 2, 1)));
-    const __m128 first = _mm_add_ss(p, _mm_shuffle_ps(p, p, _MM_SHUFFLE(1, 1, 1, 1)));
-    return _mm_cvtss_f32(_mm_add_ss(first, _mm_movehl_ps(p, p)));
-  }
-};
-#else
-struct Point {
-  float v[4];
-  static Point all(float x) { return {{x, x, x, x}}; }
-  static Point of(const float* p) { return {{p[0], p[1], p[2], 0.0f}}; }
-  void store(float (&p)[4]) const { std::copy(v, v + 4, p); }
-  template <class F>
-  static Point each(Point a, Point b, F f) {
-    for (int k = 0; k < 4; ++k) a.v[k] = f(a.v[k], b.v[k]);
-    return a;
-  }
-  friend Point min(Point a, Point b) {
-    return each(a, b, [](float x, float y) { return x < y ? x : y; });
-  }
-  friend Point max(Point a, Point b) {
-    return each(a, b, [](float x, float y) { return x > y ? x : y; });
-  }
-  friend Point operator+(Point a, Point b) {
-    return each(a, b, [](float x, float y) { return x + y; });
-  }
-  friend Point operator-(Point a, Point b) {
-    return each(a, b, [](float x, float y) { return x - y; });
-  }
-  friend Point operator*(Point a, Point b) {
-    return each(a, b, [](float x, float y) { return x * y; });
-  }
-  // xy + yz + zx
-  friend float sum_of_products(Point a) {
-    return a.v[0] * a.v[1] + a.v[1] * a.v[2] + a.v[2] * a.v[0];
-  }
-};
-#endif
-
-inline Point center_of(const Ref& r) {
-  return (Point::of(r.low) + Point::of(r.high)) * Point::all(0.5f);
-}
-inline float center_of(const Ref& r, int axis) { return 0.5f * (r.low[axis] + r.high[axis]); }
-
-// A box that grows.
-struct Extent {
-  Point low = Point::all(INFINITY), high = Point::all(-INFINITY);
-
-  void grow(Point p) {
-    low = min(low, p);
-    high = max(high, p);
-  }
-  void grow(const Ref& r) {
-    low = min(low, Point::of(r.low));
-    high = max(high, Point::of(r.high));
-  }
-  void grow(const Extent& e) {
-    low = min(low, e.low);
-    high = max(high, e.high);
-  }
-  Aabb box() const {
-    float a[4], b[4];
-    low.store(a);
-    high.store(b);
-    return {{a[0], a[1], a[2]}, {b[0], b[1], b[2]}};
-  }
-  // Half the surface; 0 for an empty box.
-  float half_area() const { return sum_of_products(max(high - low, Point::all(0.0f))); }
-};
 
 // By kind of shape; instances have no blocks.
 using KindCounts = std::array<u32, 8>;
@@ -287,24 +179,12 @@ class TreeBuilder {
   }
 
  private:
-  static constexpr size_t kLeafSize = 16;
-  // Of few primitives half as many bins tell as much; of many, two sets of them are filled in
-  // turns.
-  static constexpr size_t kBins = 16, kFewForBins = 64, kManyForBins = 256;
   // Below this many primitives a subtree is one thread's job; of more primitives than kLargeJob
   // none is, as they are copied. Groups of no more are copied whole.
   static constexpr size_t kJobSize = 4096, kLargeJob = size_t{1} << 19;
-  // Grids have a cell for so many primitives on average, and at most kMostCells. A node is made of
-  // no fewer than kCellsANode cells, and of fewer primitives than kGridSize by bins, which
-  // are finer.
-  static constexpr size_t kPerCell = 8, kMostCells = 32768, kCellsANode = 512, kGridSize = 2048;
-  // A cell of so many times the usual number of primitives is crowded.
-  static constexpr size_t kCrowd = 4;
   // What a node costs in memory, as a share of what rays pay for the uppermost of its part, and
   // what a leaf does, as a share of the surface of an average leaf there.
   static constexpr float kNodeMemory = 0.01f, kLeafMemory = 0.2f;
-  // What has been divided in two so often is halved from there on.
-  static constexpr int kMostForks = 64;
   // For sixteen primitives there are so many forks, as a rule: a leaf, and what lies above it.
   static constexpr size_t kForksALeaf = 2;
   // Primitives are fetched so many before they are looked at.
@@ -337,25 +217,6 @@ class TreeBuilder {
     Ref* refs = nullptr;
     Ref* spare = nullptr;
     Local made;
-  };
-  struct Part {
-    Ref* refs;
-    size_t size;
-    Extent box, centers;
-
-    bool is_point() const {
-      float extent[4];
-      (centers.high - centers.low).store(extent);
-      return extent[0] == 0.0f && extent[1] == 0.0f && extent[2] == 0.0f;
-    }
-  };
-  struct Bin {
-    Extent box;
-    size_t count = 0;
-    void grow(const Bin& b) {
-      box.grow(b.box);
-      count += b.count;
-    }
   };
 
   const size_t count_;
@@ -498,68 +359,6 @@ class TreeBuilder {
   Ref ref_of(u32 id) const { return leaves_.ref(id); }
   const Ref& ref_of(const Ref& r) const { return r; }
 
-  // Cells about as long as wide, over the centres of n primitives.
-  struct Grid {
-    Point low, scale, last;
-    u32 size[3] = {1, 1, 1};
-
-    Grid(const Extent& centers, size_t n) : low(centers.low) {
-      float extent[4];
-      (centers.high - centers.low).store(extent);
-      const double wanted = static_cast<double>(std::clamp(n / kPerCell, kCellsANode, kMostCells));
-      bool wide[3];
-      for (int k = 0; k < 3; ++k) wide[k] = extent[k] > 0.0f;
-      // An axis of less than a cell is left out, and the others have its cells.
-      double side = 0.0;
-      for (bool again = true; again;) {
-        double volume = 1.0;
-        int axes = 0;
-        for (int k = 0; k < 3; ++k) {
-          if (wide[k]) volume *= static_cast<double>(extent[k]), ++axes;
-        }
-        if (axes == 0) break;
-        side = std::pow(volume / wanted, 1.0 / axes);
-        again = false;
-        for (int k = 0; k < 3; ++k) {
-          if (wide[k] && static_cast<double>(extent[k]) < side) wide[k] = false, again = true;
-        }
-      }
-      float s[4] = {}, l[4] = {};
-      for (int k = 0; k < 3; ++k) {
-        if (!wide[k] || !(side > 0.0)) continue;
-        size[k] = static_cast<u32>(static_cast<double>(extent[k]) / side);
-        const float a = static_cast<float>(size[k]) * (1.0f - 1e-6f) / extent[k];
-        if (!std::isfinite(a)) {
-          size[k] = 1;
-          continue;
-        }
-        s[k] = a;
-        l[k] = static_cast<float>(size[k] - 1);
-      }
-      scale = Point::of(s);
-      last = Point::of(l);
-    }
-
-    size_t count() const { return size_t{size[0]} * size[1] * size[2]; }
-    u32 index(u32 x, u32 y, u32 z) const { return x + size[0] * (y + size[1] * z); }
-    u32 cell_of(const Ref& r) const {
-      float c[4];
-      min((center_of(r) - low) * scale, last).store(c);
-      return index(static_cast<u32>(c[0]), static_cast<u32>(c[1]), static_cast<u32>(c[2]));
-    }
-  };
-
-  // Those of a grid's cells that lie in a box of them.
-  struct Cells {
-    u32 low[3], high[3];
-    Bin sum;
-    bool whole;  // cannot be divided
-
-    size_t cells() const {
-      return size_t{high[0] - low[0]} * (high[1] - low[1]) * (high[2] - low[2]);
-    }
-  };
-
   // The nodes over `items`, which go to `sorted` by what is below: primitives or numbers of these.
   // The first node is the uppermost. A part of no more than `enough` is not divided. False, where
   // all centres are one, a thread's part too uneven, or the tree so deep that its depth must be
@@ -630,15 +429,6 @@ class TreeBuilder {
     return true;
   }
 
-  // Most primitives lie in few cells: a grid of their own would still tell them poorly apart.
-  static bool crowded(const std::vector<Bin>& bins, size_t n) {
-    size_t crowd = 0;
-    for (const Bin& b : bins) {
-      if (b.count * bins.size() > kCrowd * n) crowd += b.count;
-    }
-    return 2 * crowd > n;
-  }
-
   Child node_over(const Grid& grid, const std::vector<Bin>& bins, const Cells& all, int depth,
                   size_t enough, std::vector<Node>& nodes, std::vector<Open>& below,
                   std::vector<std::uint16_t>& part_of) const {
@@ -665,226 +455,6 @@ class TreeBuilder {
       below.push_back({0, c.sum.count, depth + 1, index, i});
     }
     return static_cast<Child>(index);
-  }
-
-  // Up to sixteen parts, made by dividing the one of largest surface again and again.
-  int children_of(const Grid& grid, const std::vector<Bin>& bins, const Cells& all,
-                  Cells (&child)[16]) const {
-    int count = 1;
-    child[0] = all;
-    while (count < 16) {
-      int next = -1;
-      float largest = -1.0f;
-      for (int i = 0; i < count; ++i) {
-        if (child[i].whole || child[i].sum.count <= kLeafSize) continue;
-        const float size = child[i].sum.box.half_area();
-        if (size > largest) next = i, largest = size;
-      }
-      if (next < 0) break;
-      if (split(grid, bins, child[next], child[count])) ++count;
-    }
-    return count;
-  }
-
-  // Divides cells in two of the least expected cost, of which the second goes to `right`.
-  bool split(const Grid& grid, const std::vector<Bin>& bins, Cells& left, Cells& right) const {
-    std::vector<Bin> slab[3];
-    for (size_t k = 0; k < 3; ++k) slab[k].resize(left.high[k] - left.low[k]);
-    for (u32 z = left.low[2]; z < left.high[2]; ++z) {
-      for (u32 y = left.low[1]; y < left.high[1]; ++y) {
-        Bin row;
-        for (u32 x = left.low[0]; x < left.high[0]; ++x) {
-          const Bin& b = bins[grid.index(x, y, z)];
-          if (b.count == 0) continue;
-          slab[0][x - left.low[0]].grow(b);
-          row.grow(b);
-        }
-        slab[1][y - left.low[1]].grow(row);
-        slab[2][z - left.low[2]].grow(row);
-      }
-    }
-    int best_axis = -1;
-    size_t best_cut = 0;
-    float best_cost = INFINITY;
-    for (int k = 0; k < 3; ++k) {
-      size_t cut = 0;
-      const float cost = best_of(slab[k].data(), slab[k].size(), cut);
-      if (cost < best_cost) best_cost = cost, best_axis = k, best_cut = cut;
-    }
-    if (best_axis < 0) {
-      left.whole = true;
-      return false;
-    }
-    right = left;
-    left.high[best_axis] = right.low[best_axis] = left.low[best_axis] + static_cast<u32>(best_cut);
-    left.sum = right.sum = Bin();
-    for (size_t i = 0; i < slab[best_axis].size(); ++i) {
-      (i < best_cut ? left : right).sum.grow(slab[best_axis][i]);
-    }
-    return true;
-  }
-
-  static float cost(const Extent& box, size_t count) {
-    return box.half_area() * static_cast<float>((count + kLeafSize - 1) / kLeafSize);
-  }
-
-  // The least expected cost of dividing bins into those before a cut and those after; infinite
-  // if one side would be empty. Sixteen primitives are as soon tested as one.
-  static float best_of(const Bin* bins, size_t n, size_t& best) {
-    float best_cost = INFINITY;
-    constexpr size_t kFew = 64;
-    float few[kFew];
-    std::vector<float> many;
-    float* after = few;  // of what lies from bin i on
-    if (n > kFew) many.resize(n), after = many.data();
-    Bin sum;
-    for (size_t i = n; i-- > 1;) {
-      sum.grow(bins[i]);
-      after[i] = sum.count > 0 ? cost(sum.box, sum.count) : INFINITY;
-    }
-    sum = Bin();
-    for (size_t i = 1; i < n; ++i) {
-      sum.grow(bins[i - 1]);
-      if (sum.count == 0) continue;
-      const float c = cost(sum.box, sum.count) + after[i];
-      if (c < best_cost) best_cost = c, best = i;
-    }
-    return best_cost;
-  }
-
-  // --- Few primitives
-  // -----------------------------------------------------------------------------
-
-  static Part measure(Ref* refs, size_t n) {
-    Part p{refs, n, {}, {}};
-    for (size_t i = 0; i < n; ++i) {
-      p.box.grow(refs[i]);
-      p.centers.grow(center_of(refs[i]));
-    }
-    return p;
-  }
-
-  // A plane across an axis that divides a part by where centres lie; none where axis < 0.
-  struct Plane {
-    int axis = -1;
-    float low = 0.0f, scale = 0.0f;
-    int last = 0, bin = 0;
-    size_t count = 0;  // of those before it
-
-    bool before(const Ref& r) const {
-      return std::min(last, static_cast<int>((center_of(r, axis) - low) * scale)) < bin;
-    }
-  };
-  // That of the least expected cost between bins of equal width.
-  template <size_t kCount>
-  static Plane best_plane(const Part& p) {
-    float low[4], extent[4], scale[4] = {};
-    p.centers.low.store(low);
-    (p.centers.high - p.centers.low).store(extent);
-    for (int k = 0; k < 3; ++k) {
-      scale[k] = extent[k] > 0.0f ? kCount * (1.0f - 1e-6f) / extent[k] : 0.0f;
-      if (!std::isfinite(scale[k])) scale[k] = 0.0f;
-    }
-    Bin bins[3][kCount];
-    const Point base = p.centers.low, factor = Point::of(scale),
-                last = Point::all(static_cast<float>(kCount - 1));
-    const auto put = [&](const Ref& r, Bin(&to)[3][kCount]) {
-      float at[4];
-      min((center_of(r) - base) * factor, last).store(at);
-      for (int k = 0; k < 3; ++k) {
-        Bin& bin = to[k][static_cast<int>(at[k])];
-        bin.box.grow(r);
-        ++bin.count;
-      }
-    };
-    size_t i = 0;
-    if constexpr (kCount == kBins) {
-      if (p.size > kManyForBins) {
-        // Neighbours often share bins, where one would wait for what the other has stored.
-        Bin others[3][kCount];
-        for (; i + 1 < p.size; i += 2) {
-          put(p.refs[i], bins);
-          put(p.refs[i + 1], others);
-        }
-        for (int k = 0; k < 3; ++k) {
-          for (size_t b = 0; b < kCount; ++b) bins[k][b].grow(others[k][b]);
-        }
-      }
-    }
-    for (; i < p.size; ++i) put(p.refs[i], bins);
-    Plane best;
-    float best_cost = INFINITY;
-    for (int k = 0; k < 3; ++k) {
-      size_t cut = 0;
-      if (scale[k] == 0.0f) continue;
-      const float c = best_of(bins[k], kCount, cut);
-      if (c < best_cost) {
-        best_cost = c;
-        best = {k, low[k], scale[k], static_cast<int>(kCount) - 1, static_cast<int>(cut), 0};
-      }
-    }
-    for (int b = 0; b < best.bin; ++b) best.count += bins[best.axis][b].count;
-    return best;
-  }
-
-  // Divides a part in two of the least expected cost; by the middle one where centres coincide.
-  // Apart, or all forks above one would keep room for bins.
-  PH_APART static void split(const Part& p, Part& left, Part& right) {
-    const Plane plane = p.size > kFewForBins ? best_plane<kBins>(p) : best_plane<kBins / 2>(p);
-    if (plane.axis < 0) {
-      split_by_count(p, left, right);
-      return;
-    }
-    partition(p.refs, p.refs + plane.count, p.refs + p.size,
-              [&](const Ref& r) { return plane.before(r); });
-    left = measure(p.refs, plane.count);
-    right = measure(p.refs + plane.count, p.size - plane.count);
-    fill_leaves(p, plane.axis, left, right);
-  }
-
-  // Moves the cut to where one block fewer is needed, unless that costs more; primitives whose
-  // centres are one stay together.
-  static void fill_leaves(const Part& p, int axis, Part& left, Part& right) {
-    const auto blocks = [](size_t n) { return (n + kLeafSize - 1) / kLeafSize; };
-    if (p.size > kGridSize || blocks(left.size) + blocks(right.size) == blocks(p.size)) return;
-    const size_t below = left.size / kLeafSize * kLeafSize;
-    const size_t over = p.size - right.size / kLeafSize * kLeafSize;
-    size_t cut = left.size - below < over - left.size ? below : over;
-    if (cut == 0) cut = over;
-    if (cut == p.size) cut = below;
-    if (cut == 0 || cut == p.size) return;
-    Ref* const from = cut < left.size ? left.refs : right.refs;
-    Ref* const to = cut < left.size ? right.refs : p.refs + p.size;
-    std::nth_element(from, p.refs + cut, to, [axis](const Ref& a, const Ref& b) {
-      return center_of(a, axis) < center_of(b, axis) ||
-             (center_of(a, axis) == center_of(b, axis) && a.id < b.id);
-    });
-    const Part full_left = measure(p.refs, cut), full_right = measure(p.refs + cut, p.size - cut);
-    float high[4], low[4];
-    full_left.centers.high.store(high);
-    full_right.centers.low.store(low);
-    if (high[axis] < low[axis] &&
-        cost(full_left.box, full_left.size) + cost(full_right.box, full_right.size) <=
-            cost(left.box, left.size) + cost(right.box, right.size)) {
-      left = full_left;
-      right = full_right;
-    }
-  }
-
-  static void split_by_count(const Part& p, Part& left, Part& right) {
-    float extent[4];
-    (p.centers.high - p.centers.low).store(extent);
-    int axis = 0;
-    for (int k = 1; k < 3; ++k) {
-      if (extent[k] > extent[axis]) axis = k;
-    }
-    const size_t cut = p.size / 2;
-    std::nth_element(p.refs, p.refs + cut, p.refs + p.size, [axis](const Ref& a, const Ref& b) {
-      return center_of(a, axis) < center_of(b, axis) ||
-             (center_of(a, axis) == center_of(b, axis) && a.id < b.id);
-    });
-    left = measure(p.refs, cut);
-    right = measure(p.refs + cut, p.size - cut);
   }
 
   static Node empty_node() {
@@ -973,75 +543,6 @@ class TreeBuilder {
       out.nodes[index].child[i] = c;
     }
     return static_cast<Child>(index);
-  }
-
-  // A part divided in two, and those again, down to leaves or halves of them; and what the best
-  // nodes of sixteen over it cost: cost[i] as up to i + 1 children of a node above. Of the children
-  // that it is given, the left half takes first[i], 0 if it is better a child itself.
-  struct Fork {
-    Part part;
-    size_t right;  // index; the left one follows
-    float cost[15];
-    std::uint8_t first[16];
-  };
-
-  // What a node and a leaf cost, however seldom rays visit them, in units of surface.
-  struct Memory {
-    float node, leaf;
-  };
-
-  static Fork leaf_fork(const Part& part, Memory memory) {
-    Fork f{part, 0, {}, {}};
-    std::fill(f.cost, f.cost + 15, part.box.half_area() + memory.leaf);
-    return f;
-  }
-
-  // Method: H. Ylitie, T. Karras and S. Laine, "Efficient Incoherent Ray Traversal on GPUs Through
-  // Compressed Wide BVHs", HPG 2017, section 3.1. What fits into a leaf may be two where the node
-  // above has room, as when something large lies beside what is small.
-  static void fork(const Part& part, Memory memory, int levels, std::vector<Fork>& forks) {
-    const size_t index = forks.size();
-    forks.push_back(leaf_fork(part, memory));
-    const bool small = part.size <= kLeafSize;
-    // Centres that coincide stay together, unless there are more of them than a leaf holds.
-    if (part.size < 2 || (small && (part.is_point() || levels >= kMostForks))) return;
-    Part left, right;
-    if (levels < kMostForks) {
-      split(part, left, right);
-    } else {
-      split_by_count(part, left, right);
-    }
-    if (small) {
-      const float two = left.box.half_area() + right.box.half_area();
-      if (!(two + memory.leaf < part.box.half_area())) return;
-      forks.push_back(leaf_fork(left, memory));
-      forks[index].right = forks.size();
-      forks.push_back(leaf_fork(right, memory));
-    } else {
-      fork(left, memory, levels + 1, forks);
-      forks[index].right = forks.size();
-      fork(right, memory, levels + 1, forks);
-    }
-    Fork& f = forks[index];
-    const float* a = forks[index + 1].cost;
-    const float* b = forks[f.right].cost;
-    const auto best = [&](int children, std::uint8_t& first) {
-      float least = a[0] + b[children - 2];
-      first = 1;
-      for (int k = 2; k < children; ++k) {
-        const float c = a[k - 1] + b[children - k - 1];
-        if (c < least) least = c, first = static_cast<std::uint8_t>(k);
-      }
-      return least;
-    };
-    if (!small) {
-      f.cost[0] = best(16, f.first[15]) + part.box.half_area() + memory.node;
-    }
-    for (int children = 2; children < 16; ++children) {
-      const size_t i = static_cast<size_t>(children - 1);
-      f.cost[i] = best(children, f.first[i]);
-      if (f.cost[0] <= f.cost[i]) f.cost[i] = f.cost[0], f.first[i] = 0;
-    }
   }
 
   // Bytes a primitive: of what is copied, with room for as much, and of the forks of an uneven

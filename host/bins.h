@@ -1,0 +1,165 @@
+// Parts of primitives, divided in two by the best of some planes across each axis.
+// Method: I. Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", IEEE Symposium
+// on Interactive Ray Tracing 2007.
+#pragma once
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+
+#include "../core/compiler.h"
+#include "partition.h"
+#include "sah.h"
+
+namespace parhelion {
+
+// Of few primitives half as many bins tell as much; of many, two sets of them are filled in turns.
+inline constexpr size_t kBins = 16, kFewForBins = 64, kManyForBins = 256;
+// Parts of fewer primitives are divided by bins, which are finer than grids.
+inline constexpr size_t kGridSize = 2048;
+
+struct Part {
+  Ref* refs;
+  size_t size;
+  Extent box, centers;
+
+  bool is_point() const {
+    float extent[4];
+    (centers.high - centers.low).store(extent);
+    return extent[0] == 0.0f && extent[1] == 0.0f && extent[2] == 0.0f;
+  }
+};
+
+inline Part measure(Ref* refs, size_t n) {
+  Part p{refs, n, {}, {}};
+  for (size_t i = 0; i < n; ++i) {
+    p.box.grow(refs[i]);
+    p.centers.grow(center_of(refs[i]));
+  }
+  return p;
+}
+
+// A plane across an axis that divides a part by where centres lie; none where axis < 0.
+struct Plane {
+  int axis = -1;
+  float low = 0.0f, scale = 0.0f;
+  int last = 0, bin = 0;
+  size_t count = 0;  // of those before it
+
+  bool before(const Ref& r) const {
+    return std::min(last, static_cast<int>((center_of(r, axis) - low) * scale)) < bin;
+  }
+};
+// That of the least expected cost between bins of equal width.
+template <size_t kCount>
+inline Plane best_plane(const Part& p) {
+  float low[4], extent[4], scale[4] = {};
+  p.centers.low.store(low);
+  (p.centers.high - p.centers.low).store(extent);
+  for (int k = 0; k < 3; ++k) {
+    scale[k] = extent[k] > 0.0f ? kCount * (1.0f - 1e-6f) / extent[k] : 0.0f;
+    if (!std::isfinite(scale[k])) scale[k] = 0.0f;
+  }
+  Bin bins[3][kCount];
+  const Point base = p.centers.low, factor = Point::of(scale),
+              last = Point::all(static_cast<float>(kCount - 1));
+  const auto put = [&](const Ref& r, Bin(&to)[3][kCount]) {
+    float at[4];
+    min((center_of(r) - base) * factor, last).store(at);
+    for (int k = 0; k < 3; ++k) {
+      Bin& bin = to[k][static_cast<int>(at[k])];
+      bin.box.grow(r);
+      ++bin.count;
+    }
+  };
+  size_t i = 0;
+  if constexpr (kCount == kBins) {
+    if (p.size > kManyForBins) {
+      // Neighbours often share bins, where one would wait for what the other has stored.
+      Bin others[3][kCount];
+      for (; i + 1 < p.size; i += 2) {
+        put(p.refs[i], bins);
+        put(p.refs[i + 1], others);
+      }
+      for (int k = 0; k < 3; ++k) {
+        for (size_t b = 0; b < kCount; ++b) bins[k][b].grow(others[k][b]);
+      }
+    }
+  }
+  for (; i < p.size; ++i) put(p.refs[i], bins);
+  Plane best;
+  float best_cost = INFINITY;
+  for (int k = 0; k < 3; ++k) {
+    size_t cut = 0;
+    if (scale[k] == 0.0f) continue;
+    const float c = best_of(bins[k], kCount, cut);
+    if (c < best_cost) {
+      best_cost = c;
+      best = {k, low[k], scale[k], static_cast<int>(kCount) - 1, static_cast<int>(cut), 0};
+    }
+  }
+  for (int b = 0; b < best.bin; ++b) best.count += bins[best.axis][b].count;
+  return best;
+}
+
+// By the middle one along the widest axis.
+inline void split_by_count(const Part& p, Part& left, Part& right) {
+  float extent[4];
+  (p.centers.high - p.centers.low).store(extent);
+  int axis = 0;
+  for (int k = 1; k < 3; ++k) {
+    if (extent[k] > extent[axis]) axis = k;
+  }
+  const size_t cut = p.size / 2;
+  std::nth_element(p.refs, p.refs + cut, p.refs + p.size, [axis](const Ref& a, const Ref& b) {
+    return center_of(a, axis) < center_of(b, axis) ||
+           (center_of(a, axis) == center_of(b, axis) && a.id < b.id);
+  });
+  left = measure(p.refs, cut);
+  right = measure(p.refs + cut, p.size - cut);
+}
+
+// Moves the cut to where one block fewer is needed, unless that costs more; primitives whose
+// centres are one stay together.
+inline void fill_leaves(const Part& p, int axis, Part& left, Part& right) {
+  const auto blocks = [](size_t n) { return (n + kLeafSize - 1) / kLeafSize; };
+  if (p.size > kGridSize || blocks(left.size) + blocks(right.size) == blocks(p.size)) return;
+  const size_t below = left.size / kLeafSize * kLeafSize;
+  const size_t over = p.size - right.size / kLeafSize * kLeafSize;
+  size_t cut = left.size - below < over - left.size ? below : over;
+  if (cut == 0) cut = over;
+  if (cut == p.size) cut = below;
+  if (cut == 0 || cut == p.size) return;
+  Ref* const from = cut < left.size ? left.refs : right.refs;
+  Ref* const to = cut < left.size ? right.refs : p.refs + p.size;
+  std::nth_element(from, p.refs + cut, to, [axis](const Ref& a, const Ref& b) {
+    return center_of(a, axis) < center_of(b, axis) ||
+           (center_of(a, axis) == center_of(b, axis) && a.id < b.id);
+  });
+  const Part full_left = measure(p.refs, cut), full_right = measure(p.refs + cut, p.size - cut);
+  float high[4], low[4];
+  full_left.centers.high.store(high);
+  full_right.centers.low.store(low);
+  if (high[axis] < low[axis] &&
+      cost(full_left.box, full_left.size) + cost(full_right.box, full_right.size) <=
+          cost(left.box, left.size) + cost(right.box, right.size)) {
+    left = full_left;
+    right = full_right;
+  }
+}
+
+// Divides a part in two of the least expected cost; by the middle one where centres coincide.
+// Apart, or all forks above one would keep room for bins.
+PH_APART inline void split(const Part& p, Part& left, Part& right) {
+  const Plane plane = p.size > kFewForBins ? best_plane<kBins>(p) : best_plane<kBins / 2>(p);
+  if (plane.axis < 0) {
+    split_by_count(p, left, right);
+    return;
+  }
+  partition(p.refs, p.refs + plane.count, p.refs + p.size,
+            [&](const Ref& r) { return plane.before(r); });
+  left = measure(p.refs, plane.count);
+  right = measure(p.refs + plane.count, p.size - plane.count);
+  fill_leaves(p, plane.axis, left, right);
+}
+
+}  // namespace parhelion
