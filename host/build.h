@@ -18,6 +18,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <deque>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -86,13 +87,17 @@ class TreeBuilder {
     bounds_ = box.box();
     if (few) {
       divide_few(centers);
+      expect(count_ * kCopied + in_turn() * kForked);
+      make_jobs(0);
+      refs_ = {}, spare_ = {};
     } else {
-      divide_many(centers);
+      const std::vector<Open> large = divide_many(centers);
+      u64 at_once = in_turn();
+      for (const Open& part : large) at_once = std::max(at_once, u64{part.size});
+      expect(at_once * (kCopied + kForked));
+      make_jobs(0);
+      for (const Open& part : large) make_large(part);
     }
-    const u64 at_once = in_turn();
-    expect((few ? count_ : at_once) * kCopied + at_once * kForked);
-    make_jobs();
-    refs_ = {}, spare_ = {};
     count_up();
     return lost;
   }
@@ -147,7 +152,7 @@ class TreeBuilder {
       }
     }
     for (size_t i = 0; i < top_.size(); ++i) nodes[i] = by_surface(top_[i]);
-    const std::vector<size_t> turns = largest_first();
+    const std::vector<size_t> turns = largest_first(0);
 #pragma omp parallel for schedule(dynamic, 1) if (turns.size() > 1)
     for (size_t turn = 0; turn < turns.size(); ++turn) {
       const size_t i = turns[turn];
@@ -182,11 +187,8 @@ class TreeBuilder {
   // Below this many primitives a subtree is one thread's job; of more primitives than kLargeJob
   // none is, as they are copied. Groups of no more are copied whole.
   static constexpr size_t kJobSize = 4096, kLargeJob = size_t{1} << 19;
-  // What a node costs in memory, as a share of what rays pay for the uppermost of its part, and
-  // what a leaf does, as a share of the surface of an average leaf there.
-  static constexpr float kNodeMemory = 0.01f, kLeafMemory = 0.2f;
-  // For sixteen primitives there are so many forks, as a rule: a leaf, and what lies above it.
-  static constexpr size_t kForksALeaf = 2;
+  // A part of more primitives than kAlone, and than 1 / kFair of all, is divided by all threads.
+  static constexpr size_t kAlone = 16384, kFair = 64;
   // Primitives are fetched so many before they are looked at.
   static constexpr size_t kAhead = 16;
   static constexpr size_t kNoNode = std::numeric_limits<size_t>::max();
@@ -212,11 +214,20 @@ class TreeBuilder {
     size_t node;
     int lane;
   };
-  // refs: those of the part, and room for as many, if they are there before it is divided.
+  // refs: those of the part, and room for as many, if they are there before it is divided; forks:
+  // those of the part, if they are.
   struct Job : Open {
     Ref* refs = nullptr;
     Ref* spare = nullptr;
-    Local made;
+    const Fork* forks = nullptr;
+    Local made = {};
+  };
+  // A large part that no grid divides.
+  struct Uneven : Open {
+    Uneven(const Open& place, const Part& measured) : Open(place), part(measured) {}
+    const Part part;
+    SharedForks forks;
+    const Fork* top = nullptr;
   };
 
   const size_t count_;
@@ -225,6 +236,7 @@ class TreeBuilder {
   Array<Ref> refs_, spare_;  // of all primitives, where they are few
   std::vector<Node> top_;
   std::vector<Job> jobs_;
+  std::deque<Uneven> uneven_;
   Aabb bounds_{{0, 0, 0}, {0, 0, 0}};
   size_t node_count_ = 0;
   std::array<size_t, 8> block_count_{};
@@ -246,77 +258,184 @@ class TreeBuilder {
   // from the first time they are made.
   void divide_few(const Extent& centers) {
     if (count_ == 0) return;
+    const Job all = {{0, count_, 0, kNoNode, 0}, refs_.data(), spare_.data()};
     std::vector<Open> below;
     if (count_ <= kJobSize ||
-        !divide<true>(refs_.data(), spare_.data(), count_, centers, 0, kJobSize, top_, below)) {
-      jobs_.push_back({{0, count_, 0, kNoNode, 0}, refs_.data(), spare_.data(), {}});
+        !divide<true>(all.refs, all.spare, count_, centers, 0, kJobSize, false, top_, below)) {
+      jobs_.push_back(all);
       return;
     }
-    for (const Open& part : below) {
-      jobs_.push_back({part, spare_.data() + part.first, refs_.data() + part.first, {}});
+    for (const Open& part : below) add(within(all, part));
+  }
+
+  // Of a part that has been divided, and whose boxes so went to where there was room.
+  static Job within(const Job& whole, Open part) {
+    Job job = {part, whole.spare + part.first, whole.refs + part.first};
+    job.first += whole.first;
+    return job;
+  }
+
+  bool is_large(size_t size) const { return size > kAlone && size > count_ / kFair; }
+
+  // A job for one thread, or several, of what is large: the same tree by all threads.
+  void add(const Job& part) {
+    if (!is_large(part.size) || part.depth > kMaxTreeDepth / 2) {
+      jobs_.push_back(part);
+      return;
+    }
+    const Part measured = measure_together(part.refs, part.size);
+    const size_t node = top_.size();
+    std::vector<Open> below;
+    if (divide<true>(part.refs, part.spare, part.size, measured.centers, part.depth, 0, true, top_,
+                     below)) {
+      link(part, node);
+      for (const Open& o : below) add(within(part, o));
+    } else if (measured.is_point()) {
+      jobs_.push_back(part);
+    } else {
+      uneven_.emplace_back(part, measured);
     }
   }
 
-  // Of more, parts that are too large for one thread are divided by all of them.
-  void divide_many(const Extent& centers) {
-    std::vector<Open> todo = {{0, count_, 0, kNoNode, 0}};
+  void link(const Open& part, size_t node) {
+    if (part.node != kNoNode) top_[part.node].child[part.lane] = static_cast<Child>(node);
+  }
+
+  static Part measure_together(Ref* refs, size_t n) {
+    Part whole{refs, n, {}, {}};
+#pragma omp parallel
+    {
+      Extent box, centers;
+#pragma omp for nowait
+      for (size_t i = 0; i < n; ++i) {
+        box.grow(refs[i]);
+        centers.grow(center_of(refs[i]));
+      }
+#pragma omp critical(parhelion_measure)
+      {
+        whole.box.grow(box);
+        whole.centers.grow(centers);
+      }
+    }
+    return whole;
+  }
+
+  // Of many, parts that are too large for one thread are divided by all of them. Returns those that
+  // are large all the same, but not too large to be copied.
+  std::vector<Open> divide_many(const Extent& centers) {
+    std::vector<Open> todo = {{0, count_, 0, kNoNode, 0}}, large;
     while (!todo.empty()) {
       const Open part = todo.back();
       todo.pop_back();
-      if (part.size <= kLargeJob || !divide_large(part, centers, todo)) {
-        jobs_.push_back({part, nullptr, nullptr, {}});
+      if (part.size > kLargeJob && divide_large(part, centers, todo)) continue;
+      if (part.size <= kLargeJob && is_large(part.size)) {
+        large.push_back(part);
+      } else {
+        jobs_.push_back({part});
       }
     }
+    return large;
   }
 
-  void make_jobs() {
-    const std::vector<size_t> turns = largest_first();
+  void make_large(const Open& part) {
+    Array<Ref> refs(part.size), spare(part.size);
+#pragma omp parallel for schedule(static)
+    for (size_t k = 0; k < part.size; ++k) refs[k] = fetched(part, k);
+    const size_t before = jobs_.size();
+    add({part, refs.data(), spare.data()});
+    make_jobs(before);
+  }
+
+  Ref fetched(const Open& part, size_t k) const {
+    const u32* const ids = order_.data() + part.first;
+    if (k + kAhead < part.size) leaves_.prefetch(ids[k + kAhead]);
+    return leaves_.ref(ids[k]);
+  }
+
+  // From the job `first` on: these, what is uneven, and the jobs over that.
+  void make_jobs(size_t first) {
+    const std::vector<size_t> turns = largest_first(first);
+    const size_t uneven = uneven_.size();
     MemoryGuard guard;
-#pragma omp parallel if (turns.size() > 1)
+#pragma omp parallel if (uneven + turns.size() > 1 || uneven > 0)
     {
       Array<Ref> refs, spare;
 #pragma omp for schedule(dynamic, 1)
-      for (size_t turn = 0; turn < turns.size(); ++turn) {
-        guard.run([&] {
-          Job& job = jobs_[turns[turn]];
-          Ref *own = job.refs, *room = job.spare;
-          if (!own) {
-            if (refs.size() < job.size) {
-              refs = {}, spare = {};  // before others are asked for
-              refs = Array<Ref>(job.size);
-              spare = Array<Ref>(job.size);
-            }
-            const u32* ids = order_.data() + job.first;
-            for (size_t k = 0; k < job.size; ++k) {
-              if (k + kAhead < job.size) leaves_.prefetch(ids[k + kAhead]);
-              refs[k] = leaves_.ref(ids[k]);
-            }
-            own = refs.data(), room = spare.data();
-          }
-          job.made.next = order_.data() + job.first;
-          job.made.root = subtree(own, room, job.size, job.depth, job.made);
-          job.made.nodes.shrink_to_fit();
-          job.made.leaves.shrink_to_fit();
-        });
+      for (size_t turn = 0; turn < uneven + turns.size(); ++turn) {
+        if (turn < uneven) {
+          Uneven& u = uneven_[turn];
+          u.top = u.forks.fork(u.part, memory_of(u.part), 0);
+        } else {
+          guard.run([&] { make(jobs_[turns[turn - uneven]], refs, spare); });
+        }
       }
     }
     guard.check();
+    if (uneven == 0) return;
+    const std::deque<Uneven> forked = std::exchange(uneven_, {});
+    const size_t next = jobs_.size();
+    for (const Uneven& u : forked) {
+      u.forks.check();
+      add_forked(*u.top, u, u);
+    }
+    make_jobs(next);
+  }
+
+  // Nodes over forks of `whole`, down to what is a job for one thread.
+  void add_forked(const Fork& top, const Open& place, const Uneven& whole) {
+    if (top.part.size <= kForksATask || place.depth > kMaxTreeDepth / 2) {
+      Job job = {place, top.part.refs, nullptr, &top};
+      job.first = whole.first + static_cast<size_t>(top.part.refs - whole.part.refs);
+      job.size = top.part.size;
+      jobs_.push_back(job);
+      return;
+    }
+    const Fork* child[16];
+    const int count = children_of(top, child);
+    const size_t index = top_.size();
+    link(place, index);
+    top_.push_back(empty_node());
+    for (int i = 0; i < count; ++i) {
+      set_box(top_[index], i, child[i]->part.box);
+      add_forked(*child[i], {0, 0, place.depth + 1, index, i}, whole);
+    }
+  }
+
+  // refs and spare: the thread's, for parts whose boxes are not kept.
+  void make(Job& job, Array<Ref>& refs, Array<Ref>& spare) {
+    job.made.next = order_.data() + job.first;
+    if (job.forks) {
+      job.made.root = join(*job.forks, job.depth, job.made);
+    } else if (job.refs) {
+      job.made.root = subtree(job.refs, job.spare, job.size, job.depth, job.made);
+    } else {
+      if (refs.size() < job.size) {
+        refs = {}, spare = {};  // before others are asked for
+        refs = Array<Ref>(job.size);
+        spare = Array<Ref>(job.size);
+      }
+      for (size_t k = 0; k < job.size; ++k) refs[k] = fetched(job, k);
+      job.made.root = subtree(refs.data(), spare.data(), job.size, job.depth, job.made);
+    }
+    job.made.nodes.shrink_to_fit();
+    job.made.leaves.shrink_to_fit();
   }
 
   // So that no thread waits in the end for another's large part.
-  std::vector<size_t> largest_first() const {
-    std::vector<size_t> turns(jobs_.size());
-    std::iota(turns.begin(), turns.end(), size_t{0});
+  std::vector<size_t> largest_first(size_t first) const {
+    std::vector<size_t> turns(jobs_.size() - first);
+    std::iota(turns.begin(), turns.end(), first);
     std::stable_sort(turns.begin(), turns.end(),
                      [&](size_t a, size_t b) { return jobs_[a].size > jobs_[b].size; });
     return turns;
   }
 
-  // Primitives of the largest parts that are divided at a time, one a thread.
+  // Primitives of the largest parts that are divided at a time, one a thread, and of the uneven.
   u64 in_turn() const {
-    const std::vector<size_t> turns = largest_first();
+    const std::vector<size_t> turns = largest_first(0);
     const size_t most = std::min(turns.size(), static_cast<size_t>(omp_get_max_threads()));
     u64 sum = 0;
+    for (const Uneven& u : uneven_) sum += u.size;
     for (size_t turn = 0; turn < most; ++turn) sum += jobs_[turns[turn]].size;
     return sum;
   }
@@ -337,11 +456,12 @@ class TreeBuilder {
     }
     Array<u32> sorted(part.size);
     std::vector<Open> below;
-    const size_t old_size = top_.size();
-    if (!divide<true>(ids, sorted.data(), part.size, centers, part.depth, kJobSize, top_, below)) {
+    const size_t node = top_.size();
+    if (!divide<true>(ids, sorted.data(), part.size, centers, part.depth, kJobSize, false, top_,
+                      below)) {
       return false;
     }
-    if (part.node != kNoNode) top_[part.node].child[part.lane] = static_cast<Child>(old_size);
+    link(part, node);
     if (part.size == count_) {
       std::swap(order_, sorted);
     } else {
@@ -361,19 +481,18 @@ class TreeBuilder {
 
   // The nodes over `items`, which go to `sorted` by what is below: primitives or numbers of these.
   // The first node is the uppermost. A part of no more than `enough` is not divided. False, where
-  // all centres are one, a thread's part too uneven, or the tree so deep that its depth must be
-  // bounded. threads: all of them, or one.
+  // all centres are one, where they must be `even` and are not, or the tree is so deep that its
+  // depth must be bounded. threads: all of them, or one.
   template <bool threads, class Item>
   bool divide(const Item* items, Item* sorted, size_t n, const Extent& centers, int depth,
-              size_t enough, std::vector<Node>& nodes, std::vector<Open>& below) const {
+              size_t enough, bool even, std::vector<Node>& nodes, std::vector<Open>& below) const {
     if (depth > kMaxTreeDepth / 2) return false;
     const Grid grid(centers, n);
     const size_t cells = grid.count();
     if (cells < 2) return false;
-    // Of no fewer primitives than some times the cells that each chunk fills and that are summed.
+    // Of no fewer primitives than cells, which each chunk fills and which are summed.
     const size_t chunks =
-        threads ? std::clamp(n / (4 * cells), size_t{1}, static_cast<size_t>(omp_get_max_threads()))
-                : 1;
+        threads ? std::clamp(n / cells, size_t{1}, static_cast<size_t>(omp_get_max_threads())) : 1;
     const auto start = [&](size_t chunk) { return n * chunk / chunks; };
     Array<std::uint16_t> cell_of(n);
     std::vector<std::vector<Bin>> bins(chunks);
@@ -394,20 +513,22 @@ class TreeBuilder {
     std::vector<Bin> merged;
     const std::vector<Bin>* total = &bins[0];
     if (chunks > 1) {
-      merged = bins[0];
-      for (size_t t = 1; t < chunks; ++t) {
-        for (size_t c = 0; c < cells; ++c) merged[c].grow(bins[t][c]);
+      merged.resize(cells);
+#pragma omp parallel for schedule(static)
+      for (size_t c = 0; c < cells; ++c) {
+        for (const std::vector<Bin>& some : bins) merged[c].grow(some[c]);
       }
       total = &merged;
     }
 
-    if (!threads && crowded(*total, n)) return false;
+    if (even && crowded(*total, n)) return false;
     Cells all{{0, 0, 0}, {grid.size[0], grid.size[1], grid.size[2]}, {}, false};
     for (const Bin& b : *total) all.sum.grow(b);
     std::vector<std::uint16_t> part_of(cells);
     node_over(grid, *total, all, depth, enough, nodes, below, part_of);
 
     std::vector<std::vector<size_t>> next(chunks, std::vector<size_t>(below.size()));
+#pragma omp parallel for schedule(static, 1) if (threads)
     for (size_t t = 0; t < chunks; ++t) {
       for (size_t c = 0; c < cells; ++c) next[t][part_of[c]] += bins[t][c].count;
     }
@@ -499,7 +620,7 @@ class TreeBuilder {
     if (n > kGridSize) {
       const size_t index = out.nodes.size();
       std::vector<Open> below;
-      if (divide<false>(refs, spare, n, part.centers, depth, 0, out.nodes, below)) {
+      if (divide<false>(refs, spare, n, part.centers, depth, 0, true, out.nodes, below)) {
         for (const Open& o : below) {
           const Child c = subtree(spare + o.first, refs + o.first, o.size, o.depth, out);
           out.nodes[o.node].child[o.lane] = c;
@@ -513,13 +634,8 @@ class TreeBuilder {
   Child fine_tree(const Part& part, int depth, Local& out) const {
     if (part.size <= kLeafSize) return leaf(part, out);
     if (depth > kMaxTreeDepth / 2 || part.is_point()) return even_tree(part, depth, out);
-    std::vector<Fork> forks;
-    forks.reserve(kForksALeaf * (part.size / kLeafSize) + 1);
-    const float area = part.box.half_area();
-    const float leaves = static_cast<float>(part.size) / kLeafSize;
-    const float leaf_area = area / std::pow(leaves, 2.0f / 3.0f);  // as if they filled the box
-    fork(part, {area * kNodeMemory, leaf_area * kLeafMemory}, 0, forks);
-    return join(forks, 0, depth, out);
+    ForkRoom room(part.size);
+    return join(fork(part, memory_of(part), 0, room), depth, out);
   }
 
   // Of what no cut divides, or what lies too deep: into parts of as many primitives each.
@@ -551,26 +667,16 @@ class TreeBuilder {
   static constexpr u64 kForked = kForksALeaf * sizeof(Fork) / kLeafSize;
 
   // Writes what the costs say.
-  Child join(const std::vector<Fork>& forks, size_t top, int depth, Local& out) const {
-    if (depth > kMaxTreeDepth / 2) return even_tree(forks[top].part, depth, out);
-    if (forks[top].part.size <= kLeafSize) return leaf(forks[top].part, out);
-    size_t child[16];
-    int count = 0;
-    const auto gather = [&](const auto& self, size_t f, size_t children) -> void {
-      const std::uint8_t left = forks[f].first[children - 1];
-      if (left == 0) {
-        child[count++] = f;
-      } else {
-        self(self, f + 1, left);
-        self(self, forks[f].right, children - left);
-      }
-    };
-    gather(gather, top, 16);
+  Child join(const Fork& top, int depth, Local& out) const {
+    if (depth > kMaxTreeDepth / 2) return even_tree(top.part, depth, out);
+    if (top.part.size <= kLeafSize) return leaf(top.part, out);
+    const Fork* child[16];
+    const int count = children_of(top, child);
     const size_t index = out.nodes.size();
     out.nodes.push_back(empty_node());
     for (int i = 0; i < count; ++i) {
-      set_box(out.nodes[index], i, forks[child[i]].part.box);
-      const Child c = join(forks, child[i], depth + 1, out);
+      set_box(out.nodes[index], i, child[i]->part.box);
+      const Child c = join(*child[i], depth + 1, out);
       out.nodes[index].child[i] = c;
     }
     return static_cast<Child>(index);

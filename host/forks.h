@@ -1,68 +1,85 @@
 // Parts divided in two again and again, and which of these forks become nodes of sixteen.
 #pragma once
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <vector>
 
+#include "array.h"
 #include "bins.h"
+#include "memory.h"
 #include "sah.h"
 
 namespace parhelion {
 
 // What has been divided in two so often is halved from there on.
 inline constexpr int kMostForks = 64;
-
-// A part divided in two, and those again, down to leaves or halves of them; and what the best
-// nodes of sixteen over it cost: cost[i] as up to i + 1 children of a node above. Of the children
-// that it is given, the left half takes first[i], 0 if it is better a child itself.
-struct Fork {
-  Part part;
-  size_t right;  // index; the left one follows
-  float cost[15];
-  std::uint8_t first[16];
-};
+// For sixteen primitives there are so many forks, as a rule: a leaf, and what lies above it.
+inline constexpr size_t kForksALeaf = 2;
+// Forks over so many primitives, or fewer, are one thread's.
+inline constexpr size_t kForksATask = 4096;
 
 // What a node and a leaf cost, however seldom rays visit them, in units of surface.
 struct Memory {
   float node, leaf;
 };
 
-inline Fork leaf_fork(const Part& part, Memory memory) {
-  Fork f{part, 0, {}, {}};
-  std::fill(f.cost, f.cost + 15, part.box.half_area() + memory.leaf);
-  return f;
+// A node costs a share of what rays pay for the uppermost of its part, a leaf one of the surface of
+// an average leaf there.
+inline Memory memory_of(const Part& part) {
+  constexpr float kNode = 0.01f, kLeaf = 0.2f;
+  const float area = part.box.half_area();
+  const float leaves = static_cast<float>(part.size) / kLeafSize;
+  return {area * kNode, area / std::pow(leaves, 2.0f / 3.0f) * kLeaf};  // as if they filled the box
 }
 
-// Method: H. Ylitie, T. Karras and S. Laine, "Efficient Incoherent Ray Traversal on GPUs Through
-// Compressed Wide BVHs", HPG 2017, section 3.1. What fits into a leaf may be two where the node
-// above has room, as when something large lies beside what is small.
-inline void fork(const Part& part, Memory memory, int levels, std::vector<Fork>& forks) {
-  const size_t index = forks.size();
-  forks.push_back(leaf_fork(part, memory));
-  const bool small = part.size <= kLeafSize;
-  // Centres that coincide stay together, unless there are more of them than a leaf holds.
-  if (part.size < 2 || (small && (part.is_point() || levels >= kMostForks))) return;
-  Part left, right;
+// A part divided in two, and those again, down to leaves or halves of them; and what the best
+// nodes of sixteen over it cost: cost[i] as up to i + 1 children of a node above. Of the children
+// that it is given, the left half takes first[i], 0 if it is better a child itself.
+struct Fork {
+  Part part;
+  const Fork *left, *right;
+  float cost[15];
+  std::uint8_t first[16];
+};
+
+// Where forks are kept, and stay while others are made.
+class ForkRoom {
+ public:
+  explicit ForkRoom(size_t primitives) : block_(kForksALeaf * (primitives / kLeafSize) + 1) {}
+
+  Fork& add(const Part& part, Memory memory) {
+    if (next_ == end_) {
+      blocks_.emplace_back(block_);
+      next_ = blocks_.back().begin();
+      end_ = blocks_.back().end();
+    }
+    *next_ = {part, nullptr, nullptr, {}, {}};
+    std::fill(next_->cost, next_->cost + 15, part.box.half_area() + memory.leaf);
+    return *next_++;
+  }
+
+ private:
+  const size_t block_;
+  std::vector<Array<Fork>> blocks_;
+  Fork *next_ = nullptr, *end_ = nullptr;
+};
+
+inline void halve(const Part& part, int levels, Part& left, Part& right) {
   if (levels < kMostForks) {
     split(part, left, right);
   } else {
     split_by_count(part, left, right);
   }
-  if (small) {
-    const float two = left.box.half_area() + right.box.half_area();
-    if (!(two + memory.leaf < part.box.half_area())) return;
-    forks.push_back(leaf_fork(left, memory));
-    forks[index].right = forks.size();
-    forks.push_back(leaf_fork(right, memory));
-  } else {
-    fork(left, memory, levels + 1, forks);
-    forks[index].right = forks.size();
-    fork(right, memory, levels + 1, forks);
-  }
-  Fork& f = forks[index];
-  const float* a = forks[index + 1].cost;
-  const float* b = forks[f.right].cost;
+}
+
+// What a fork costs by what its halves do.
+// Method: H. Ylitie, T. Karras and S. Laine, "Efficient Incoherent Ray Traversal on GPUs Through
+// Compressed Wide BVHs", HPG 2017, section 3.1.
+inline void weigh(Fork& f, Memory memory) {
+  const float *a = f.left->cost, *b = f.right->cost;
   const auto best = [&](int children, std::uint8_t& first) {
     float least = a[0] + b[children - 2];
     first = 1;
@@ -72,8 +89,8 @@ inline void fork(const Part& part, Memory memory, int levels, std::vector<Fork>&
     }
     return least;
   };
-  if (!small) {
-    f.cost[0] = best(16, f.first[15]) + part.box.half_area() + memory.node;
+  if (f.part.size > kLeafSize) {
+    f.cost[0] = best(16, f.first[15]) + f.part.box.half_area() + memory.node;
   }
   for (int children = 2; children < 16; ++children) {
     const size_t i = static_cast<size_t>(children - 1);
@@ -81,5 +98,83 @@ inline void fork(const Part& part, Memory memory, int levels, std::vector<Fork>&
     if (f.cost[0] <= f.cost[i]) f.cost[i] = f.cost[0], f.first[i] = 0;
   }
 }
+
+// The forks of a part. What fits into a leaf may be two where the node above has room, as when
+// something large lies beside what is small.
+inline const Fork& fork(const Part& part, Memory memory, int levels, ForkRoom& room) {
+  Fork& f = room.add(part, memory);
+  const bool small = part.size <= kLeafSize;
+  // Centres that coincide stay together, unless there are more of them than a leaf holds.
+  if (part.size < 2 || (small && (part.is_point() || levels >= kMostForks))) return f;
+  Part left, right;
+  halve(part, levels, left, right);
+  if (small) {
+    const float two = left.box.half_area() + right.box.half_area();
+    if (!(two + memory.leaf < part.box.half_area())) return f;
+    f.left = &room.add(left, memory);
+    f.right = &room.add(right, memory);
+  } else {
+    f.left = &fork(left, memory, levels + 1, room);
+    f.right = &fork(right, memory, levels + 1, room);
+  }
+  weigh(f, memory);
+  return f;
+}
+
+// Up to sixteen children of a node, as the costs say; returns how many.
+inline int children_of(const Fork& node, const Fork* (&child)[16]) {
+  int count = 0;
+  const auto visit = [&](const auto& self, const Fork& f, size_t children) -> void {
+    const std::uint8_t left = f.first[children - 1];
+    if (left == 0) {
+      child[count++] = &f;
+    } else {
+      self(self, *f.left, left);
+      self(self, *f.right, children - left);
+    }
+  };
+  visit(visit, node, 16);
+  return count;
+}
+
+// The forks of a large part, made by all threads of a parallel region that have nothing else to do.
+class SharedForks {
+ public:
+  // Null if there was no memory.
+  const Fork* fork(const Part& part, Memory memory, int levels) {
+    const Fork* made = nullptr;
+    guard_.run([&] {
+      if (part.size <= kForksATask) {
+        made = &parhelion::fork(part, memory, levels, add_room(part.size));
+        return;
+      }
+      Fork& f = add_room(0).add(part, memory);
+      Part left, right;
+      halve(part, levels, left, right);
+#pragma omp task shared(f, right)
+      f.right = fork(right, memory, levels + 1);
+      f.left = fork(left, memory, levels + 1);
+#pragma omp taskwait
+      if (!f.left || !f.right) return;
+      weigh(f, memory);
+      made = &f;
+    });
+    return made;
+  }
+  void check() const { guard_.check(); }
+
+ private:
+  ForkRoom& add_room(size_t primitives) {
+    ForkRoom* room = nullptr;
+    MemoryGuard guard;
+#pragma omp critical(parhelion_fork_room)
+    guard.run([&] { room = &rooms_.emplace_back(primitives); });
+    guard.check();
+    return *room;
+  }
+
+  MemoryGuard guard_;
+  std::deque<ForkRoom> rooms_;
+};
 
 }  // namespace parhelion

@@ -838,12 +838,14 @@ void everything_at_once() {
 }
 
 // Of few spheres; of many, all but one of which lie in one cell of the first grid, so that they are
-// divided by all threads once more; and of several kinds.
+// divided by all threads once more, and so unevenly there that no grid divides large parts; and of
+// several kinds.
 void trees_do_not_depend_on_threads() {
   const std::vector<double> triangle = {0, 0, 0, 1, 0, 0, 0, 1, 0};
   for (size_t n : {20000, 600000}) {
     Cloud cloud(n);
     if (n > 20000) {
+      for (double& c : cloud.centers) c = std::pow(c, 6.0);
       cloud.centers[3 * n] = cloud.centers[3 * n + 1] = cloud.centers[3 * n + 2] = 1000.0;
       cloud.radii[n] = 1.0;
     }
