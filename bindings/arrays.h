@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "../host/array.h"
+
 namespace parhelion {
 
 // A new array that owns its data.
@@ -14,9 +16,10 @@ template <class T>
 nanobind::object make_array(std::vector<size_t> shape, T*& data) {
   size_t size = 1;
   for (size_t n : shape) size *= n;
-  auto owned = std::make_unique_for_overwrite<T[]>(size == 0 ? 1 : size);
-  data = owned.get();
-  nanobind::capsule owner(owned.release(), [](void* p) noexcept { delete[] static_cast<T*>(p); });
+  auto owned = std::make_unique<Array<T>>(size == 0 ? 1 : size);
+  data = owned->data();
+  nanobind::capsule owner(owned.release(),
+                          [](void* p) noexcept { delete static_cast<Array<T>*>(p); });
   return nanobind::cast(
       nanobind::ndarray<nanobind::numpy, T>(data, shape.size(), shape.data(), owner));
 }

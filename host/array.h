@@ -2,9 +2,12 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <new>
 #include <type_traits>
 #include <utility>
+
+#include "threads.h"
 
 #if defined(__linux__)
 #include <sys/mman.h>
@@ -26,12 +29,19 @@ class Array {
   explicit Array(size_t size) : size_(size) {
     if (size == 0) return;
 #if defined(__linux__)
-    if (bytes() >= kLarge) {
+    if (is_large()) {
       data_ = static_cast<T*>(from_system());
       return;
     }
 #endif
     data_ = static_cast<T*>(::operator new(bytes(), kLine));
+  }
+  // Of zeros. Each thread takes a part of the memory.
+  static Array zeros(size_t size) {
+    Array a(size);
+#pragma omp parallel for schedule(static) if (size > kFewElements)
+    for (size_t i = 0; i < size; ++i) std::memset(a.data_ + i, 0, sizeof(T));
+    return a;
   }
   Array(Array&& other) noexcept { *this = std::move(other); }
   Array& operator=(Array&& other) noexcept {
@@ -42,7 +52,7 @@ class Array {
   ~Array() {
     if (!data_) return;
 #if defined(__linux__)
-    if (bytes() >= kLarge) {
+    if (is_large()) {
       munmap(data_, bytes());
       return;
     }
@@ -67,6 +77,8 @@ class Array {
 #if defined(__linux__)
   static constexpr size_t kPage = size_t{1} << 21;  // a large one, of x86 and of most ARM systems
   static constexpr size_t kLarge = 2 * kPage;
+
+  bool is_large() const { return bytes() >= kLarge; }
 
   // From the beginning of a large page on: so much more is asked for, and given back on both sides.
   void* from_system() const {

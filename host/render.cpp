@@ -21,9 +21,9 @@ Film::Film(u32 x0, u32 y0, u32 w, u32 h, bool with_features, bool with_errors)
       y(y0),
       width(w),
       height(h),
-      pixels(static_cast<size_t>(w) * h, FilmPixel{}),
-      features(with_features ? pixels.size() : 0, FeaturePixel{}),
-      prefixes(with_errors ? pixels.size() : 0, Prefix{}) {}
+      pixels(Array<FilmPixel>::zeros(static_cast<size_t>(w) * h)),
+      features(Array<FeaturePixel>::zeros(with_features ? pixels.size() : 0)),
+      prefixes(Array<Prefix>::zeros(with_errors ? pixels.size() : 0)) {}
 
 namespace {
 

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "array.h"
 #include "kernels.h"
 #include "scene.h"
 
@@ -28,9 +29,9 @@ struct Prefix {
 // The sums of a rectangle of the picture. x, y: its top left pixel within the whole picture.
 struct Film {
   u32 x, y, width, height;
-  std::vector<FilmPixel> pixels;
-  std::vector<FeaturePixel> features;  // as many, or none
-  std::vector<Prefix> prefixes;        // as many, or none, and no errors can be told then
+  Array<FilmPixel> pixels;
+  Array<FeaturePixel> features;  // as many, or none
+  Array<Prefix> prefixes;        // as many, or none, and no errors can be told then
 
   Film(u32 x, u32 y, u32 width, u32 height, bool with_features = false, bool with_errors = false);
   FilmPixel& pixel(u32 px, u32 py) { return pixels[size_t{py} * width + px]; }
