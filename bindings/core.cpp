@@ -898,7 +898,7 @@ NB_MODULE(_core, m) {
 
   nb::class_<Film>(m, "Film", "The sums of a rectangle of the picture.")
       .def(nb::init<u32, u32, u32, u32, bool, bool>(), "x"_a, "y"_a, "width"_a, "height"_a,
-           "features"_a = false, "errors"_a = false)
+           "features"_a = false, "errors"_a = false, nb::call_guard<nb::gil_scoped_release>())
       .def("render", &render, "scene"_a, "view"_a, "targets"_a, nb::kw_only(), "threads"_a,
            "tile"_a, "schedule"_a, "isa"_a, "tick"_a.none())
       .def("begin", &begin, "counts"_a)

@@ -1,13 +1,10 @@
-// Arrays as large as the scene.
+// Arrays as large as the scene, or the picture.
 #pragma once
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <new>
 #include <type_traits>
 #include <utility>
-
-#include "threads.h"
 
 #if defined(__linux__)
 #include <sys/mman.h>
@@ -16,10 +13,11 @@
 
 namespace parhelion {
 
-// Values that are written before they are read: nothing is written beforehand, so memory is taken
-// when it is used and by the thread that uses it. Begins on a line of the cache. Large ones come
-// from the system and go back to it, so that what is held at a time is what was counted; and they
-// ask for large pages: rays go all over them, and each small page is looked up by itself.
+// Values that are written before they are read: but by zeros() nothing is written beforehand, so
+// memory is taken when it is used and by the thread that uses it. Begins on a line of the cache.
+// Large ones come from the system and go back to it, so that what is held at a time is what was
+// counted; and they ask for large pages: rays go all over them, and each small page is looked up by
+// itself.
 template <class T>
 class Array {
   static_assert(std::is_trivially_copyable_v<T>);
@@ -36,11 +34,11 @@ class Array {
 #endif
     data_ = static_cast<T*>(::operator new(bytes(), kLine));
   }
-  // Of zeros. Each thread takes a part of the memory.
+  // Of zeros, or whatever T begins with. Of a large one each thread takes a part of the memory.
   static Array zeros(size_t size) {
     Array a(size);
-#pragma omp parallel for schedule(static) if (size > kFewElements)
-    for (size_t i = 0; i < size; ++i) std::memset(a.data_ + i, 0, sizeof(T));
+#pragma omp parallel for schedule(static) if (a.is_large())
+    for (size_t i = 0; i < size; ++i) a.data_[i] = T{};
     return a;
   }
   Array(Array&& other) noexcept { *this = std::move(other); }
@@ -74,12 +72,12 @@ class Array {
 
  private:
   static constexpr std::align_val_t kLine{64};
-#if defined(__linux__)
   static constexpr size_t kPage = size_t{1} << 21;  // a large one, of x86 and of most ARM systems
   static constexpr size_t kLarge = 2 * kPage;
 
   bool is_large() const { return bytes() >= kLarge; }
 
+#if defined(__linux__)
   // From the beginning of a large page on: so much more is asked for, and given back on both sides.
   void* from_system() const {
     const size_t small = static_cast<size_t>(sysconf(_SC_PAGESIZE));

@@ -10,7 +10,7 @@
 #include "partition.h"
 #include "sah.h"
 
-namespace parhelion {
+namespace parhelion::tree {
 
 // Of few primitives half as many bins tell as much; of many, two sets of them are filled in turns.
 inline constexpr size_t kBins = 16, kFewForBins = 64, kManyForBins = 256;
@@ -162,4 +162,4 @@ PH_APART inline void split(const Part& p, Part& left, Part& right) {
   fill_leaves(p, plane.axis, left, right);
 }
 
-}  // namespace parhelion
+}  // namespace parhelion::tree

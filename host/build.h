@@ -9,8 +9,8 @@
 // primitives each leaf has; nodes and blocks are then written where the scene has them.
 //
 // The tree depends on the primitives alone, not on the number of threads: sums over parts are only
-// minima, maxima and counts, which no order changes, sorting keeps the order within a cell, and the
-// split into parallel jobs is by size.
+// minima, maxima and counts, which no order changes, sorting keeps the order within a cell, and
+// what is a thread's job and what is divided by all of them is told by how many primitives it has.
 #pragma once
 #include <omp.h>
 
@@ -39,6 +39,10 @@ namespace parhelion {
 // By kind of shape; instances have no blocks.
 using KindCounts = std::array<u32, 8>;
 
+}  // namespace parhelion
+
+namespace parhelion::tree {
+
 // `Leaves` knows the primitives by their numbers: `ref(i)`, and `prefetch(i)` before it;
 // `kind(ref)`; and `write(kind, ids, n, index)`, which makes block `index` of up to sixteen of one
 // kind. Instances are leaves by themselves: `instance_leaf(ref)`.
@@ -55,7 +59,7 @@ class TreeBuilder {
     order_ = Array<u32>(count_);
     const bool few = count_ <= kLargeJob;
     if (few) {
-      expect(count_ * kCopied);
+      expect(count_ * kCopied + bytes_of_grid(count_));
       refs_ = Array<Ref>(count_);
       spare_ = Array<Ref>(count_);
     }
@@ -185,13 +189,17 @@ class TreeBuilder {
 
  private:
   // Below this many primitives a subtree is one thread's job; of more primitives than kLargeJob
-  // none is, as they are copied. Groups of no more are copied whole.
+  // none is, as they are copied, unless no grid divides them. Groups of no more are copied whole.
   static constexpr size_t kJobSize = 4096, kLargeJob = size_t{1} << 19;
   // A part of more primitives than kAlone, and than 1 / kFair of all, is divided by all threads.
   static constexpr size_t kAlone = 16384, kFair = 64;
   // Primitives are fetched so many before they are looked at.
   static constexpr size_t kAhead = 16;
   static constexpr size_t kNoNode = std::numeric_limits<size_t>::max();
+  // Bytes a primitive: of what is copied, with room for as much, and of the forks of an uneven
+  // part.
+  static constexpr u64 kCopied = 2 * sizeof(Ref);
+  static constexpr u64 kForked = forks_over(64) * sizeof(Fork) / 64;
 
   // In the order of its primitives.
   struct Leaf {
@@ -254,8 +262,13 @@ class TreeBuilder {
     }
   }
 
-  // Gives each thread some parts. Of no more primitives than one could be given the boxes are kept
-  // from the first time they are made.
+  // While the cells of a grid are filled.
+  static u64 bytes_of_grid(u64 primitives) {
+    const u64 filled = static_cast<u64>(omp_get_max_threads()) * kMostCells;
+    return std::min(primitives, filled) * sizeof(Bin) + primitives * sizeof(std::uint16_t);
+  }
+
+  // Gives each thread some parts. Boxes of so few are kept from the first time they are made.
   void divide_few(const Extent& centers) {
     if (count_ == 0) return;
     const Job all = {{0, count_, 0, kNoNode, 0}, refs_.data(), spare_.data()};
@@ -327,12 +340,13 @@ class TreeBuilder {
     while (!todo.empty()) {
       const Open part = todo.back();
       todo.pop_back();
-      if (part.size > kLargeJob && divide_large(part, centers, todo)) continue;
-      if (part.size <= kLargeJob && is_large(part.size)) {
+      if (part.size > kLargeJob) {
+        if (divide_large(part, centers, todo)) continue;
+      } else if (is_large(part.size)) {
         large.push_back(part);
-      } else {
-        jobs_.push_back({part});
+        continue;
       }
+      jobs_.push_back({part});
     }
     return large;
   }
@@ -352,19 +366,19 @@ class TreeBuilder {
     return leaves_.ref(ids[k]);
   }
 
-  // From the job `first` on: these, what is uneven, and the jobs over that.
+  // From the job `first` on: these, the forks of what is uneven, and the jobs that they become.
   void make_jobs(size_t first) {
     const std::vector<size_t> turns = largest_first(first);
     const size_t uneven = uneven_.size();
     MemoryGuard guard;
-#pragma omp parallel if (uneven + turns.size() > 1 || uneven > 0)
+#pragma omp parallel if (uneven > 0 || turns.size() > 1)
     {
       Array<Ref> refs, spare;
 #pragma omp for schedule(dynamic, 1)
       for (size_t turn = 0; turn < uneven + turns.size(); ++turn) {
         if (turn < uneven) {
           Uneven& u = uneven_[turn];
-          u.top = u.forks.fork(u.part, memory_of(u.part), 0);
+          u.top = u.forks.fork(u.part, upkeep_of(u.part), 0);
         } else {
           guard.run([&] { make(jobs_[turns[turn - uneven]], refs, spare); });
         }
@@ -384,7 +398,7 @@ class TreeBuilder {
   // Nodes over forks of `whole`, down to what is a job for one thread.
   void add_forked(const Fork& top, const Open& place, const Uneven& whole) {
     if (top.part.size <= kForksATask || place.depth > kMaxTreeDepth / 2) {
-      Job job = {place, top.part.refs, nullptr, &top};
+      Job job = {place, nullptr, nullptr, &top};
       job.first = whole.first + static_cast<size_t>(top.part.refs - whole.part.refs);
       job.size = top.part.size;
       jobs_.push_back(job);
@@ -417,6 +431,8 @@ class TreeBuilder {
       for (size_t k = 0; k < job.size; ++k) refs[k] = fetched(job, k);
       job.made.root = subtree(refs.data(), spare.data(), job.size, job.depth, job.made);
     }
+    job.refs = job.spare = nullptr;  // which will not be there for long
+    job.forks = nullptr;
     job.made.nodes.shrink_to_fit();
     job.made.leaves.shrink_to_fit();
   }
@@ -473,9 +489,6 @@ class TreeBuilder {
     return true;
   }
 
-  // --- Grids
-  // --------------------------------------------------------------------------------------
-
   Ref ref_of(u32 id) const { return leaves_.ref(id); }
   const Ref& ref_of(const Ref& r) const { return r; }
 
@@ -490,7 +503,8 @@ class TreeBuilder {
     const Grid grid(centers, n);
     const size_t cells = grid.count();
     if (cells < 2) return false;
-    // Of no fewer primitives than cells, which each chunk fills and which are summed.
+    // A chunk has as many primitives as there are cells, or more: to clear and sum its bins takes
+    // as long as to fill them. So of 262,144 primitives and fewer there are some eight.
     const size_t chunks =
         threads ? std::clamp(n / cells, size_t{1}, static_cast<size_t>(omp_get_max_threads())) : 1;
     const auto start = [&](size_t chunk) { return n * chunk / chunks; };
@@ -635,7 +649,7 @@ class TreeBuilder {
     if (part.size <= kLeafSize) return leaf(part, out);
     if (depth > kMaxTreeDepth / 2 || part.is_point()) return even_tree(part, depth, out);
     ForkRoom room(part.size);
-    return join(fork(part, memory_of(part), 0, room), depth, out);
+    return join(fork(part, upkeep_of(part), 0, room), depth, out);
   }
 
   // Of what no cut divides, or what lies too deep: into parts of as many primitives each.
@@ -660,11 +674,6 @@ class TreeBuilder {
     }
     return static_cast<Child>(index);
   }
-
-  // Bytes a primitive: of what is copied, with room for as much, and of the forks of an uneven
-  // part.
-  static constexpr u64 kCopied = 2 * sizeof(Ref);
-  static constexpr u64 kForked = kForksALeaf * sizeof(Fork) / kLeafSize;
 
   // Writes what the costs say.
   Child join(const Fork& top, int depth, Local& out) const {
@@ -720,4 +729,4 @@ class TreeBuilder {
   }
 };
 
-}  // namespace parhelion
+}  // namespace parhelion::tree

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <mutex>
 #include <vector>
 
 #include "array.h"
@@ -12,23 +13,24 @@
 #include "memory.h"
 #include "sah.h"
 
-namespace parhelion {
+namespace parhelion::tree {
 
 // What has been divided in two so often is halved from there on.
 inline constexpr int kMostForks = 64;
-// For sixteen primitives there are so many forks, as a rule: a leaf, and what lies above it.
-inline constexpr size_t kForksALeaf = 2;
+// For sixteen primitives there are some 2.1 forks, as leaves are not quite full, and some are two:
+// with what follows there is room for all, as a rule.
+constexpr size_t forks_over(size_t primitives) { return primitives * 9 / 64 + 1; }
 // Forks over so many primitives, or fewer, are one thread's.
 inline constexpr size_t kForksATask = 4096;
 
 // What a node and a leaf cost, however seldom rays visit them, in units of surface.
-struct Memory {
+struct Upkeep {
   float node, leaf;
 };
 
 // A node costs a share of what rays pay for the uppermost of its part, a leaf one of the surface of
 // an average leaf there.
-inline Memory memory_of(const Part& part) {
+inline Upkeep upkeep_of(const Part& part) {
   constexpr float kNode = 0.01f, kLeaf = 0.2f;
   const float area = part.box.half_area();
   const float leaves = static_cast<float>(part.size) / kLeafSize;
@@ -48,16 +50,16 @@ struct Fork {
 // Where forks are kept, and stay while others are made.
 class ForkRoom {
  public:
-  explicit ForkRoom(size_t primitives) : block_(kForksALeaf * (primitives / kLeafSize) + 1) {}
+  explicit ForkRoom(size_t primitives) : block_(forks_over(primitives)) {}
 
-  Fork& add(const Part& part, Memory memory) {
+  Fork& add(const Part& part, Upkeep upkeep) {
     if (next_ == end_) {
-      blocks_.emplace_back(block_);
+      blocks_.emplace_back(blocks_.empty() ? block_ : block_ / 4 + 1);
       next_ = blocks_.back().begin();
       end_ = blocks_.back().end();
     }
     *next_ = {part, nullptr, nullptr, {}, {}};
-    std::fill(next_->cost, next_->cost + 15, part.box.half_area() + memory.leaf);
+    std::fill(next_->cost, next_->cost + 15, part.box.half_area() + upkeep.leaf);
     return *next_++;
   }
 
@@ -78,7 +80,7 @@ inline void halve(const Part& part, int levels, Part& left, Part& right) {
 // What a fork costs by what its halves do.
 // Method: H. Ylitie, T. Karras and S. Laine, "Efficient Incoherent Ray Traversal on GPUs Through
 // Compressed Wide BVHs", HPG 2017, section 3.1.
-inline void weigh(Fork& f, Memory memory) {
+inline void weigh(Fork& f, Upkeep upkeep) {
   const float *a = f.left->cost, *b = f.right->cost;
   const auto best = [&](int children, std::uint8_t& first) {
     float least = a[0] + b[children - 2];
@@ -90,7 +92,7 @@ inline void weigh(Fork& f, Memory memory) {
     return least;
   };
   if (f.part.size > kLeafSize) {
-    f.cost[0] = best(16, f.first[15]) + f.part.box.half_area() + memory.node;
+    f.cost[0] = best(16, f.first[15]) + f.part.box.half_area() + upkeep.node;
   }
   for (int children = 2; children < 16; ++children) {
     const size_t i = static_cast<size_t>(children - 1);
@@ -101,8 +103,8 @@ inline void weigh(Fork& f, Memory memory) {
 
 // The forks of a part. What fits into a leaf may be two where the node above has room, as when
 // something large lies beside what is small.
-inline const Fork& fork(const Part& part, Memory memory, int levels, ForkRoom& room) {
-  Fork& f = room.add(part, memory);
+inline const Fork& fork(const Part& part, Upkeep upkeep, int levels, ForkRoom& room) {
+  Fork& f = room.add(part, upkeep);
   const bool small = part.size <= kLeafSize;
   // Centres that coincide stay together, unless there are more of them than a leaf holds.
   if (part.size < 2 || (small && (part.is_point() || levels >= kMostForks))) return f;
@@ -110,14 +112,14 @@ inline const Fork& fork(const Part& part, Memory memory, int levels, ForkRoom& r
   halve(part, levels, left, right);
   if (small) {
     const float two = left.box.half_area() + right.box.half_area();
-    if (!(two + memory.leaf < part.box.half_area())) return f;
-    f.left = &room.add(left, memory);
-    f.right = &room.add(right, memory);
+    if (!(two + upkeep.leaf < part.box.half_area())) return f;
+    f.left = &room.add(left, upkeep);
+    f.right = &room.add(right, upkeep);
   } else {
-    f.left = &fork(left, memory, levels + 1, room);
-    f.right = &fork(right, memory, levels + 1, room);
+    f.left = &fork(left, upkeep, levels + 1, room);
+    f.right = &fork(right, upkeep, levels + 1, room);
   }
-  weigh(f, memory);
+  weigh(f, upkeep);
   return f;
 }
 
@@ -141,22 +143,22 @@ inline int children_of(const Fork& node, const Fork* (&child)[16]) {
 class SharedForks {
  public:
   // Null if there was no memory.
-  const Fork* fork(const Part& part, Memory memory, int levels) {
+  const Fork* fork(const Part& part, Upkeep upkeep, int levels) {
     const Fork* made = nullptr;
     guard_.run([&] {
       if (part.size <= kForksATask) {
-        made = &parhelion::fork(part, memory, levels, add_room(part.size));
+        made = &tree::fork(part, upkeep, levels, add_room(part.size));
         return;
       }
-      Fork& f = add_room(0).add(part, memory);
+      Fork& f = add_room(0).add(part, upkeep);
       Part left, right;
       halve(part, levels, left, right);
 #pragma omp task shared(f, right)
-      f.right = fork(right, memory, levels + 1);
-      f.left = fork(left, memory, levels + 1);
+      f.right = fork(right, upkeep, levels + 1);
+      f.left = fork(left, upkeep, levels + 1);
 #pragma omp taskwait
       if (!f.left || !f.right) return;
-      weigh(f, memory);
+      weigh(f, upkeep);
       made = &f;
     });
     return made;
@@ -165,16 +167,13 @@ class SharedForks {
 
  private:
   ForkRoom& add_room(size_t primitives) {
-    ForkRoom* room = nullptr;
-    MemoryGuard guard;
-#pragma omp critical(parhelion_fork_room)
-    guard.run([&] { room = &rooms_.emplace_back(primitives); });
-    guard.check();
-    return *room;
+    const std::lock_guard lock(mutex_);
+    return rooms_.emplace_back(primitives);
   }
 
   MemoryGuard guard_;
+  std::mutex mutex_;
   std::deque<ForkRoom> rooms_;
 };
 
-}  // namespace parhelion
+}  // namespace parhelion::tree

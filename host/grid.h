@@ -8,7 +8,7 @@
 
 #include "sah.h"
 
-namespace parhelion {
+namespace parhelion::tree {
 
 // Grids have a cell for so many primitives on average, and at most kMostCells. A node is made of no
 // fewer than kCellsANode cells.
@@ -144,4 +144,4 @@ inline int children_of(const Grid& grid, const std::vector<Bin>& bins, const Cel
   return count;
 }
 
-}  // namespace parhelion
+}  // namespace parhelion::tree

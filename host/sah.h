@@ -8,7 +8,7 @@
 
 #include "boxes.h"
 
-namespace parhelion {
+namespace parhelion::tree {
 
 inline constexpr size_t kLeafSize = 16;
 
@@ -49,4 +49,4 @@ inline float best_of(const Bin* bins, size_t n, size_t& best) {
   return best_cost;
 }
 
-}  // namespace parhelion
+}  // namespace parhelion::tree

@@ -189,6 +189,8 @@ Vec3 normal_of(const Shape&) {
 
 }  // namespace
 
+using tree::TreeBuilder;
+
 struct Scene::PlannedTree {
   Leaves leaves;
   TreeBuilder<Leaves> builder;

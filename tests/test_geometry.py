@@ -155,6 +155,14 @@ def test_groups_that_are_copied_whole_and_larger_ones(count: int) -> None:
     found_as_by_brute_force(core, *random_rays(centers, radii, 200))
 
 
+@pytest.mark.parametrize("count", [100_000, 600_000])
+def test_what_lies_too_unevenly_for_grids(count: int) -> None:
+    """Large parts are divided in two by all threads (SharedForks in host/forks.h)."""
+    rng = np.random.default_rng(13)
+    centers, radii = rng.uniform(0, 1, (count, 3)) ** 6, rng.uniform(1e-4, 5e-3, count)
+    found_as_by_brute_force(built(centers, radii), *random_rays(centers, radii, 200))
+
+
 def test_more_spheres_around_one_point_than_a_grid_divides() -> None:
     centers, radii = np.zeros((6000, 3)), np.linspace(0.1, 1.0, 6000)
     found_as_by_brute_force(built(centers, radii), *random_rays(centers, radii, 2000))

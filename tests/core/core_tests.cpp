@@ -837,15 +837,19 @@ void everything_at_once() {
   CHECK(same(reference, film));
 }
 
-// Of few spheres; of many, all but one of which lie in one cell of the first grid, so that they are
-// divided by all threads once more, and so unevenly there that no grid divides large parts; and of
-// several kinds.
+// Of few spheres, and of many; so uneven that no grid divides large parts; all but one in one cell
+// of the first grid, so that all threads divide them once more; and of several kinds.
 void trees_do_not_depend_on_threads() {
   const std::vector<double> triangle = {0, 0, 0, 1, 0, 0, 0, 1, 0};
-  for (size_t n : {20000, 600000}) {
+  struct {
+    size_t n;
+    bool uneven, a_speck;
+  } const cases[] = {
+      {20000, false, false}, {100000, true, false}, {100000, false, true}, {600000, true, true}};
+  for (const auto& [n, uneven, a_speck] : cases) {
     Cloud cloud(n);
-    if (n > 20000) {
-      for (double& c : cloud.centers) c = std::pow(c, 6.0);
+    for (size_t k = 0; uneven && k < 3 * n; ++k) cloud.centers[k] = std::pow(cloud.centers[k], 6.0);
+    if (a_speck) {
       cloud.centers[3 * n] = cloud.centers[3 * n + 1] = cloud.centers[3 * n + 2] = 1000.0;
       cloud.radii[n] = 1.0;
     }
