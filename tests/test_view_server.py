@@ -158,6 +158,7 @@ def test_of_changed_parameters_only_those_are_told(server: Server) -> None:
 def test_parameters_picking_and_saving(server: Server) -> None:
     with talking(server) as talk:
         talk.send("change", kind="materials", index=0, name="color", value=[0.1, 0.9, 0.1])
+        talk.until("values")  # it is done: until then a picture of before may be the newest
         talk.send("pick", x=0.5, y=0.5, id=3)
         pick = talk.until("pick", id=3)
         assert (pick["object"], pick["material"], pick["material_index"]) == ("ball", "ball", 0)
