@@ -296,7 +296,9 @@ class TreeBuilder {
       jobs_.push_back(part);
       return;
     }
-    const Part measured = measure_together(part.refs, part.size);
+    Part measured =
+        measure_together(part.size, [&](size_t i) -> const Ref& { return part.refs[i]; });
+    measured.refs = part.refs;
     const size_t node = top_.size();
     std::vector<Open> below;
     if (divide<true>(part.refs, part.spare, part.size, measured.centers, part.depth, 0, true, top_,
@@ -314,15 +316,18 @@ class TreeBuilder {
     if (part.node != kNoNode) top_[part.node].child[part.lane] = static_cast<Child>(node);
   }
 
-  static Part measure_together(Ref* refs, size_t n) {
-    Part whole{refs, n, {}, {}};
+  // Of n primitives, of which ref_of(i) is the ith, by all threads.
+  template <class RefOf>
+  static Part measure_together(size_t n, const RefOf& ref_of) {
+    Part whole{nullptr, n, {}, {}};
 #pragma omp parallel
     {
       Extent box, centers;
 #pragma omp for nowait
       for (size_t i = 0; i < n; ++i) {
-        box.grow(refs[i]);
-        centers.grow(center_of(refs[i]));
+        const Ref& r = ref_of(i);
+        box.grow(r);
+        centers.grow(center_of(r));
       }
 #pragma omp critical(parhelion_measure)
       {
@@ -460,15 +465,7 @@ class TreeBuilder {
   bool divide_large(const Open& part, Extent centers, std::vector<Open>& todo) {
     u32* const ids = order_.data() + part.first;
     if (part.depth > 0) {
-      centers = Extent();
-#pragma omp parallel
-      {
-        Extent mine;
-#pragma omp for nowait
-        for (size_t i = 0; i < part.size; ++i) mine.grow(center_of(leaves_.ref(ids[i])));
-#pragma omp critical(parhelion_measure)
-        centers.grow(mine);
-      }
+      centers = measure_together(part.size, [&](size_t i) { return leaves_.ref(ids[i]); }).centers;
     }
     Array<u32> sorted(part.size);
     std::vector<Open> below;
