@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <vector>
 
 #include "../core/compiler.h"
 #include "partition.h"
@@ -22,6 +23,10 @@ struct Part {
   size_t size;
   Extent box, centers;
 
+  void grow(const Part& p) {
+    box.grow(p.box);
+    centers.grow(p.centers);
+  }
   bool is_point() const {
     float extent[4];
     (centers.high - centers.low).store(extent);
@@ -49,56 +54,85 @@ struct Plane {
     return std::min(last, static_cast<int>((center_of(r, axis) - low) * scale)) < bin;
   }
 };
-// That of the least expected cost between bins of equal width.
+
+// Bins of equal width along each axis of where centres lie.
+template <size_t kCount>
+struct Bins {
+  float low[4], scale[4] = {};
+  Bin bins[3][kCount];
+
+  explicit Bins(const Extent& centers) {
+    float extent[4];
+    centers.low.store(low);
+    (centers.high - centers.low).store(extent);
+    for (int k = 0; k < 3; ++k) {
+      scale[k] = extent[k] > 0.0f ? kCount * (1.0f - 1e-6f) / extent[k] : 0.0f;
+      if (!std::isfinite(scale[k])) scale[k] = 0.0f;
+    }
+  }
+
+  void fill(const Ref* refs, size_t n) {
+    const Point base = Point::of(low), factor = Point::of(scale),
+                last = Point::all(static_cast<float>(kCount - 1));
+    const auto put = [&](const Ref& r, Bin(&to)[3][kCount]) {
+      float at[4];
+      min((center_of(r) - base) * factor, last).store(at);
+      for (int k = 0; k < 3; ++k) {
+        Bin& bin = to[k][static_cast<int>(at[k])];
+        bin.box.grow(r);
+        ++bin.count;
+      }
+    };
+    size_t i = 0;
+    if constexpr (kCount == kBins) {
+      if (n > kManyForBins) {
+        // Neighbours often share bins, where one would wait for what the other has stored.
+        Bin others[3][kCount];
+        for (; i + 1 < n; i += 2) {
+          put(refs[i], bins);
+          put(refs[i + 1], others);
+        }
+        grow(others);
+      }
+    }
+    for (; i < n; ++i) put(refs[i], bins);
+  }
+
+  void grow(const Bin (&more)[3][kCount]) {
+    for (int k = 0; k < 3; ++k) {
+      for (size_t b = 0; b < kCount; ++b) bins[k][b].grow(more[k][b]);
+    }
+  }
+
+  // The plane of the least expected cost between them.
+  Plane best() const {
+    Plane best;
+    float best_cost = INFINITY;
+    for (int k = 0; k < 3; ++k) {
+      size_t cut = 0;
+      if (scale[k] == 0.0f) continue;
+      const float c = best_of(bins[k], kCount, cut);
+      if (c < best_cost) {
+        best_cost = c;
+        best = {k, low[k], scale[k], static_cast<int>(kCount) - 1, static_cast<int>(cut), 0};
+      }
+    }
+    best.count = count_before(best);
+    return best;
+  }
+
+  size_t count_before(const Plane& plane) const {
+    size_t count = 0;
+    for (int b = 0; b < plane.bin; ++b) count += bins[plane.axis][b].count;
+    return count;
+  }
+};
+
 template <size_t kCount>
 inline Plane best_plane(const Part& p) {
-  float low[4], extent[4], scale[4] = {};
-  p.centers.low.store(low);
-  (p.centers.high - p.centers.low).store(extent);
-  for (int k = 0; k < 3; ++k) {
-    scale[k] = extent[k] > 0.0f ? kCount * (1.0f - 1e-6f) / extent[k] : 0.0f;
-    if (!std::isfinite(scale[k])) scale[k] = 0.0f;
-  }
-  Bin bins[3][kCount];
-  const Point base = p.centers.low, factor = Point::of(scale),
-              last = Point::all(static_cast<float>(kCount - 1));
-  const auto put = [&](const Ref& r, Bin(&to)[3][kCount]) {
-    float at[4];
-    min((center_of(r) - base) * factor, last).store(at);
-    for (int k = 0; k < 3; ++k) {
-      Bin& bin = to[k][static_cast<int>(at[k])];
-      bin.box.grow(r);
-      ++bin.count;
-    }
-  };
-  size_t i = 0;
-  if constexpr (kCount == kBins) {
-    if (p.size > kManyForBins) {
-      // Neighbours often share bins, where one would wait for what the other has stored.
-      Bin others[3][kCount];
-      for (; i + 1 < p.size; i += 2) {
-        put(p.refs[i], bins);
-        put(p.refs[i + 1], others);
-      }
-      for (int k = 0; k < 3; ++k) {
-        for (size_t b = 0; b < kCount; ++b) bins[k][b].grow(others[k][b]);
-      }
-    }
-  }
-  for (; i < p.size; ++i) put(p.refs[i], bins);
-  Plane best;
-  float best_cost = INFINITY;
-  for (int k = 0; k < 3; ++k) {
-    size_t cut = 0;
-    if (scale[k] == 0.0f) continue;
-    const float c = best_of(bins[k], kCount, cut);
-    if (c < best_cost) {
-      best_cost = c;
-      best = {k, low[k], scale[k], static_cast<int>(kCount) - 1, static_cast<int>(cut), 0};
-    }
-  }
-  for (int b = 0; b < best.bin; ++b) best.count += bins[best.axis][b].count;
-  return best;
+  Bins<kCount> bins(p.centers);
+  bins.fill(p.refs, p.size);
+  return bins.best();
 }
 
 // By the middle one along the widest axis.
@@ -160,6 +194,53 @@ PH_APART inline void split(const Part& p, Part& left, Part& right) {
   left = measure(p.refs, plane.count);
   right = measure(p.refs + plane.count, p.size - plane.count);
   fill_leaves(p, plane.axis, left, right);
+}
+
+// The same of a large part by tasks of a parallel region, one for so many primitives or more: both
+// halves lie in `to` then, each in the order that it had. False where no plane divides it.
+inline constexpr size_t kBinnedATask = 4096, kMostBinned = 64;
+inline bool split_by_tasks(const Part& p, Ref* to, Part& left, Part& right) {
+  const size_t tasks = std::min(p.size / kBinnedATask, kMostBinned);
+  const auto start = [&](size_t task) { return p.size * task / tasks; };
+  std::vector<Bins<kBins>> bins(tasks, Bins<kBins>(p.centers));
+#pragma omp taskloop grainsize(1) shared(bins, p, start)
+  for (size_t t = 0; t < tasks; ++t) bins[t].fill(p.refs + start(t), start(t + 1) - start(t));
+  Bins<kBins> all = bins[0];
+  for (size_t t = 1; t < tasks; ++t) all.grow(bins[t].bins);
+  const Plane plane = all.best();
+  if (plane.axis < 0) return false;
+  struct Halves {
+    Ref *left, *right;
+    Part made[2];
+  };
+  std::vector<Halves> halves(tasks);
+  Ref *next_left = to, *next_right = to + plane.count;
+  for (size_t t = 0; t < tasks; ++t) {
+    halves[t] = {next_left, next_right, {}};
+    const size_t before = bins[t].count_before(plane);
+    next_left += before;
+    next_right += start(t + 1) - start(t) - before;
+  }
+#pragma omp taskloop grainsize(1) shared(halves, p, plane, start)
+  for (size_t t = 0; t < tasks; ++t) {
+    Halves& h = halves[t];
+    Ref *l = h.left, *r = h.right;
+    for (const Ref *from = p.refs + start(t), *end = p.refs + start(t + 1); from != end; ++from) {
+      const bool before = plane.before(*from);
+      *(before ? l : r) = *from;
+      l += before;
+      r += !before;
+    }
+    h.made[0] = measure(h.left, static_cast<size_t>(l - h.left));
+    h.made[1] = measure(h.right, static_cast<size_t>(r - h.right));
+  }
+  left = {to, plane.count, {}, {}};
+  right = {to + plane.count, p.size - plane.count, {}, {}};
+  for (const Halves& h : halves) {
+    left.grow(h.made[0]);
+    right.grow(h.made[1]);
+  }
+  return true;
 }
 
 }  // namespace parhelion::tree

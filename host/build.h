@@ -19,6 +19,7 @@
 #include <cmath>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -232,8 +233,15 @@ class TreeBuilder {
   };
   // A large part that no grid divides.
   struct Uneven : Open {
-    Uneven(const Open& place, const Part& measured) : Open(place), part(measured) {}
+    Uneven(const Job& job, const Part& measured) : Open(job), part(measured), spare(job.spare) {}
+    // Which of the primitives come first in a part of these.
+    size_t first_of(const Part& p) const {
+      const std::less<> before;
+      const bool moved = before(p.refs, part.refs) || !before(p.refs, part.refs + part.size);
+      return this->first + static_cast<size_t>(p.refs - (moved ? spare : part.refs));
+    }
     const Part part;
+    Ref* const spare;
     SharedForks forks;
     const Fork* top = nullptr;
   };
@@ -383,7 +391,7 @@ class TreeBuilder {
       for (size_t turn = 0; turn < uneven + turns.size(); ++turn) {
         if (turn < uneven) {
           Uneven& u = uneven_[turn];
-          u.top = u.forks.fork(u.part, upkeep_of(u.part), 0);
+          u.top = u.forks.fork(u.part, u.spare, upkeep_of(u.part), 0);
         } else {
           guard.run([&] { make(jobs_[turns[turn - uneven]], refs, spare); });
         }
@@ -404,7 +412,7 @@ class TreeBuilder {
   void add_forked(const Fork& top, const Open& place, const Uneven& whole) {
     if (top.part.size <= kForksATask || place.depth > kMaxTreeDepth / 2) {
       Job job = {place, nullptr, nullptr, &top};
-      job.first = whole.first + static_cast<size_t>(top.part.refs - whole.part.refs);
+      job.first = whole.first_of(top.part);
       job.size = top.part.size;
       jobs_.push_back(job);
       return;

@@ -22,6 +22,8 @@ inline constexpr int kMostForks = 64;
 constexpr size_t forks_over(size_t primitives) { return primitives * 9 / 64 + 1; }
 // Forks over so many primitives, or fewer, are one thread's.
 inline constexpr size_t kForksATask = 4096;
+// What has more is divided by several.
+inline constexpr size_t kSplitByTasks = 16384;
 
 // What a node and a leaf cost, however seldom rays visit them, in units of surface.
 struct Upkeep {
@@ -142,8 +144,8 @@ inline int children_of(const Fork& node, const Fork* (&child)[16]) {
 // The forks of a large part, made by all threads of a parallel region that have nothing else to do.
 class SharedForks {
  public:
-  // Null if there was no memory.
-  const Fork* fork(const Part& part, Upkeep upkeep, int levels) {
+  // spare: room for as many primitives as the part has. Null if there was no memory.
+  const Fork* fork(const Part& part, Ref* spare, Upkeep upkeep, int levels) {
     const Fork* made = nullptr;
     guard_.run([&] {
       if (part.size <= kForksATask) {
@@ -152,10 +154,16 @@ class SharedForks {
       }
       Fork& f = add_room(0).add(part, upkeep);
       Part left, right;
-      halve(part, levels, left, right);
-#pragma omp task shared(f, right)
-      f.right = fork(right, upkeep, levels + 1);
-      f.left = fork(left, upkeep, levels + 1);
+      Ref* rest = spare;
+      if (part.size > kSplitByTasks && levels < kMostForks &&
+          split_by_tasks(part, spare, left, right)) {
+        rest = part.refs;
+      } else {
+        halve(part, levels, left, right);
+      }
+#pragma omp task shared(f, right, left)
+      f.right = fork(right, rest + left.size, upkeep, levels + 1);
+      f.left = fork(left, rest, upkeep, levels + 1);
 #pragma omp taskwait
       if (!f.left || !f.right) return;
       weigh(f, upkeep);
