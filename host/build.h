@@ -508,6 +508,12 @@ class TreeBuilder {
     const Grid grid(centers, n);
     const size_t cells = grid.count();
     if (cells < 2) return false;
+    if (even) {
+      // Most parts that are not can be told by a few, before all are sorted into cells.
+      std::vector<u32> some(cells);
+      for (size_t i = 0; i < n; i += kSampled) ++some[grid.cell_of(ref_of(items[i]))];
+      if (crowded(some, (n - 1) / kSampled + 1, [](u32 count) { return count; })) return false;
+    }
     // A chunk has as many primitives as there are cells, or more: to clear and sum its bins takes
     // as long as to fill them. So of 262,144 primitives and fewer there are some eight.
     const size_t chunks =
@@ -540,7 +546,7 @@ class TreeBuilder {
       total = &merged;
     }
 
-    if (even && crowded(*total, n)) return false;
+    if (even && crowded(*total, n, [](const Bin& b) { return b.count; })) return false;
     Cells all{{0, 0, 0}, {grid.size[0], grid.size[1], grid.size[2]}, {}, false};
     for (const Bin& b : *total) all.sum.grow(b);
     std::vector<std::uint16_t> part_of(cells);

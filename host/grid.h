@@ -13,8 +13,9 @@ namespace parhelion::tree {
 // Grids have a cell for so many primitives on average, and at most kMostCells. A node is made of no
 // fewer than kCellsANode cells.
 inline constexpr size_t kPerCell = 8, kMostCells = 32768, kCellsANode = 512;
-// A cell of so many times the usual number of primitives is crowded.
-inline constexpr size_t kCrowd = 4;
+// A cell of so many times the usual number of primitives is crowded; one of so many primitives is
+// looked at to tell most that lie in such cells.
+inline constexpr size_t kCrowd = 4, kSampled = 16;
 
 // Cells about as long as wide, over the centres of n primitives.
 struct Grid {
@@ -78,11 +79,14 @@ struct Cells {
   }
 };
 
-// Most primitives lie in few cells: a grid of their own would still tell them poorly apart.
-inline bool crowded(const std::vector<Bin>& bins, size_t n) {
+// Most of n primitives lie in few cells, of which each has count(cell): a grid of their own would
+// still tell them poorly apart.
+template <class Cell, class Count>
+bool crowded(const std::vector<Cell>& cells, size_t n, const Count& count) {
   size_t crowd = 0;
-  for (const Bin& b : bins) {
-    if (b.count * bins.size() > kCrowd * n) crowd += b.count;
+  for (const Cell& c : cells) {
+    const size_t here = count(c);
+    if (here * cells.size() > kCrowd * n) crowd += here;
   }
   return 2 * crowd > n;
 }

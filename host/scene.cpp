@@ -234,7 +234,7 @@ Scene::Scene(SceneInput input, u64 memory_limit)
   if (many_materials) material_of_ = Array<u32>(primitive_count_);
   if (colored) {
     color_of_ = Array<Vec3>(primitive_count_);
-    std::fill(color_of_.begin(), color_of_.end(), Vec3{kNan, kNan, kNan});
+    each(primitive_count_, [&](size_t i) { color_of_[i] = {kNan, kNan, kNan}; });
   }
   materials_ = std::move(input.materials);
 
@@ -457,10 +457,12 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
       if (s.faces) keep_mesh(s, record);
     }
     if (s.material_of) {
-      std::copy(s.material_of, s.material_of + s.count, material_of_.begin() + next_id);
+      each(s.count, [&](size_t i) { material_of_[next_id + i] = s.material_of[i]; });
     }
-    for (size_t i = 0; s.colors && i < s.count; ++i) {
-      color_of_[next_id + i] = {s.colors[3 * i], s.colors[3 * i + 1], s.colors[3 * i + 2]};
+    if (s.colors) {
+      each(s.count, [&](size_t i) {
+        color_of_[next_id + i] = {s.colors[3 * i], s.colors[3 * i + 1], s.colors[3 * i + 2]};
+      });
     }
     next_id += static_cast<u32>(s.count);
     shapes_.push_back(record);
@@ -564,33 +566,38 @@ static Vec3 unit(const float* v) {
   return {static_cast<float>(x * k), static_cast<float>(y * k), static_cast<float>(z * k)};
 }
 
+// n elements, of which make(i) is the ith.
+template <class T, class Make>
+static Array<T> array_of(size_t n, const Make& make) {
+  Array<T> made(n);
+  each(n, [&](size_t i) { made[i] = make(i); });
+  return made;
+}
+
 void Scene::keep_mesh(const ShapeInput& s, ShapeRecord& record) {
   auto data = std::make_unique<MeshData>();
-  data->faces = Array<u32>(3 * s.count);
-  std::copy(s.faces, s.faces + 3 * s.count, data->faces.begin());
+  data->faces = array_of<u32>(3 * s.count, [&](size_t i) { return s.faces[i]; });
   record.faces = data->faces.data();
   if (s.normals) {
-    data->normals = Array<Vec3>(s.vertex_count);
-    for (size_t i = 0; i < s.vertex_count; ++i) data->normals[i] = unit(s.normals + 3 * i);
+    data->normals =
+        array_of<Vec3>(s.vertex_count, [&](size_t i) { return unit(s.normals + 3 * i); });
     record.normals = data->normals.data();
   }
   if (s.uvs) {
-    data->uvs = Array<Vec2>(s.vertex_count);
-    for (size_t i = 0; i < s.vertex_count; ++i) data->uvs[i] = {s.uvs[2 * i], s.uvs[2 * i + 1]};
+    data->uvs = array_of<Vec2>(s.vertex_count,
+                               [&](size_t i) -> Vec2 { return {s.uvs[2 * i], s.uvs[2 * i + 1]}; });
     record.uvs = data->uvs.data();
   }
   if (s.tangents) {
-    data->tangents = Array<Tangent>(s.vertex_count);
-    for (size_t i = 0; i < s.vertex_count; ++i) {
+    data->tangents = array_of<Tangent>(s.vertex_count, [&](size_t i) -> Tangent {
       const float* t = s.tangents + 4 * i;
-      data->tangents[i] = {unit(t), t[3] < 0.0f ? -1.0f : 1.0f};
-    }
+      return {unit(t), t[3] < 0.0f ? -1.0f : 1.0f};
+    });
     record.tangents = data->tangents.data();
   }
   for (const AttributeInput& a : s.attributes) {
-    const size_t n = a.rows * a.components;
-    Array<float>& values = data->values.emplace_back(n);
-    std::copy(a.values, a.values + n, values.begin());
+    const Array<float>& values = data->values.emplace_back(
+        array_of<float>(a.rows * a.components, [&](size_t i) { return a.values[i]; }));
     data->attributes.push_back({values.data(), a.name, a.components, a.per_face});
   }
   record.attributes = data->attributes.data();
