@@ -1,8 +1,9 @@
 // The nearest hits of sixteen rays that lie close together, such as those of a pixel. Each node is
-// tested once for all of them, by bounds of what any of them meets. Of a leaf of spheres or
-// triangles those that any may meet are found at once, and each is tested against all rays; the box
-// of another is tested once for the sixteen, and its primitives by each that meets that box. What
-// is found is what each ray finds by itself.
+// tested once for all of them, by bounds of what any of them meets, down to what is narrow beside
+// all of them: each ray goes there by itself. Of a leaf of spheres or triangles those that any may
+// meet are found at once, and each is tested against all rays; the box of another is tested once
+// for the sixteen, and its primitives by each that meets that box. What is found is what each ray
+// finds by itself.
 #pragma once
 #include "ray_batch.h"
 
@@ -20,6 +21,9 @@ PH_INLINE void bounds_of(const Rows<Vec3, kBatch>& rows, u32 lanes, Vec3& low, V
   }
   extremes(own, low, high);
 }
+
+// A node's child is narrow if it is wide as so many half widths of the bundle at most.
+inline constexpr float kNarrow = 4.0f;
 
 // The axis along which all rays of some lanes run fastest, or -1 if it differs.
 PH_INLINE int common_axis(const Rows<Vec3, kBatch>& direction, u32 lanes) {
@@ -133,18 +137,39 @@ PH_APART inline void test_block_together(const Block& block, Child leaf, const B
   });
 }
 
+// What lies below a node's child, by each of the rays of some lanes that meets its box.
+template <class Test>
+PH_INLINE void test_alone(const Node& node, u32 lane, const Bundle& bundle, u32 lanes, Packet& rays,
+                          Test&& test) {
+  for_each_bit(test_box_for_each(node, lane, rays, bundle) & lanes, [&](u32 k) {
+    NearestHit best = rays.best.at(k);
+    test(Ray{rays.origin.at(k), rays.direction.at(k), kNoSlot, false}, best);
+    rays.best.set(k, best);
+  });
+}
+PH_APART inline void walk_alone(const SceneView& scene, const Node& node, u32 lane,
+                                const Bundle& bundle, u32 lanes, Packet& rays) {
+  test_alone(node, lane, bundle, lanes, rays, [&](const Ray& ray, NearestHit& best) {
+    walk_tree<false, false>(scene, node.child[lane], ray, best);
+  });
+}
+
+// Whether a node's child is so narrow beside the bundle, where its box begins, that rays which meet
+// it have little in common below it: then a bundle would test for all of them what few meet, as
+// where a pixel shows many particles.
+PH_INLINE bool is_narrow(const Node& node, u32 lane, const Bundle& bundle, float near) {
+  const float x = node.high[0][lane] - node.low[0][lane];
+  const float y = node.high[1][lane] - node.low[1][lane];
+  const float z = node.high[2][lane] - node.low[2][lane];
+  return max(x, max(y, z)) < kNarrow * (bundle.radius + near * bundle.spread);
+}
+
 // A leaf, which is a node's child, and all rays: where a shape can tell which of its primitives any
 // of them may meet before `limit`, those one by one; else ray by ray.
 PH_INLINE void test_leaf_together(const SceneView& scene, const Node& node, u32 lane,
                                   const Bundle& bundle, float limit, u32 lanes, Packet& rays) {
   const Child leaf = node.child[lane];
-  const auto each = [&](auto&& test) {
-    for_each_bit(test_box_for_each(node, lane, rays, bundle) & lanes, [&](u32 k) {
-      NearestHit best = rays.best.at(k);
-      test(Ray{rays.origin.at(k), rays.direction.at(k), kNoSlot, false}, best);
-      rays.best.set(k, best);
-    });
-  };
+  const auto each = [&](auto&& test) { test_alone(node, lane, bundle, lanes, rays, test); };
   const auto block = [&](const auto& own) {
     if constexpr (requires { intersect_bundle(own, bundle, limit); }) {
       test_block_together(own, leaf, bundle, limit, rays);
@@ -191,9 +216,15 @@ inline void walk_together(const SceneView& scene, Child root, u32 lanes, const B
     for (;;) {
       if (top == stack) return;
       const u64 e = *--top;
-      if (!(__builtin_bit_cast(float, static_cast<u32>(e >> 32)) <= limit * kSlabSlack)) continue;
+      const float entered = __builtin_bit_cast(float, static_cast<u32>(e >> 32));
+      if (!(entered <= limit * kSlabSlack)) continue;
       const Node& node = scene.nodes[static_cast<u32>(e) >> 4];
       const u32 lane = static_cast<u32>(e) & 15u;
+      if (is_narrow(node, lane, bundle, entered)) {
+        walk_alone(scene, node, lane, bundle, lanes, rays);
+        limit = most(rays.best.t);
+        continue;
+      }
       const Child child = node.child[lane];
       if ((child & kLeafBit) == 0) {
         inner = child;

@@ -341,7 +341,7 @@ void rays_together_meet_what_each_meets() {
     mesh.arrays = {{"vertices", corners.data(), true, false, 3}};
     const Scene scene(input_of({cloud.group(), mesh}, Cloud::materials()));
     const float scale = static_cast<float>(scene.scale());
-    int bounded = 0, met = 0, flat = 0;
+    int bounded = 0, narrow = 0, wide = 0, met = 0, flat = 0;
     for (u32 i = 0; i < 400; ++i) {
       const auto s = make_sampler(SamplerKind::independent, 1, 2, i, 5);
       const float spread = i % 4 == 0 ? 0.0f : i % 4 == 1 ? 1e-4f : i % 4 == 2 ? 0.05f : 1.5f;
@@ -359,7 +359,19 @@ void rays_together_meet_what_each_meets() {
       SlotRows<kBatch> slot, slot_apart;
       intersect_close(scene.view(), origin, direction, lanes, t, slot);
       Bundle bundle;
-      bounded += bundle_of(origin, direction, lanes, bundle) ? 1 : 0;
+      if (bundle_of(origin, direction, lanes, bundle)) {
+        ++bounded;
+        for (size_t node = 0; node < scene.node_count(); ++node) {
+          const Node& over = scene.view().nodes[node];
+          alignas(64) float near[16];
+          Lanes first;
+          const u32 hits = test_boxes(over, bundle, kInfinity, first);
+          store(near, first);
+          for_each_bit(hits, [&](u32 lane) {
+            ++(is_narrow(over, lane, bundle, near[lane]) ? narrow : wide);
+          });
+        }
+      }
       const auto ray_at = [&](u32 k) { return Ray{origin.at(k), direction.at(k), kNoSlot, false}; };
       intersect_each(scene.view(), direction, lanes, ray_at, true, t_apart, slot_apart);
       // And whether anything but the nearest is met before that, or not much farther away.
@@ -385,6 +397,7 @@ void rays_together_meet_what_each_meets() {
       });
     }
     CHECK(bounded > 150 && bounded < 390 && met > 400 && (n == 1 || flat > 100));
+    CHECK(wide > 50 && (n < 300 || narrow > 50));
   }
   CHECK(behind > 400);
 }
