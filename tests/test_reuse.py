@@ -242,8 +242,10 @@ def test_the_matte_part_of_glossy_walls_is_shared_and_means_stay(kind: str) -> N
     assert np.median(shared.var(axis=0)) < most * np.median(alone.var(axis=0))
 
 
-@pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("sampler", ["sobol", "independent"])
+RUNS = [(scene, "sobol") for scene in SCENES] + [("things", "independent")]
+
+
+@pytest.mark.parametrize(("scene", "sampler"), RUNS)
 def test_every_part_of_the_picture_has_the_same_mean(scene: str, sampler: str) -> None:
     """Of glass, metal, plastic, instances, and what lies in the corners between; past holes."""
     means = means_of_parts(SCENES[scene](), sampler=sampler)
@@ -251,7 +253,7 @@ def test_every_part_of_the_picture_has_the_same_mean(scene: str, sampler: str) -
     kept = np.median(means[0].std(axis=0)) * 6 > means[0].std(axis=0)
     assert kept.mean() > 0.9
     gap = np.where(kept, means[1] - means[0], 0.0)
-    assert mean_p(gap, np.zeros(gap.shape[1:])) > SIGNIFICANCE / 6
+    assert mean_p(gap, np.zeros(gap.shape[1:])) > SIGNIFICANCE / len(RUNS)
 
 
 @pytest.mark.parametrize("scene", ["things", "holes"])
