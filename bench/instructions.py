@@ -102,6 +102,8 @@ def kernels() -> Iterator[tuple[str, int, Callable[[], Any]]]:
     sky = ph.Background("envmap", image=panorama)
     diffuse = floor(ph.Material("diffuse"))
     yield picture("light from a panorama", ph.Scene([diffuse], background=sky), 2)
+    dust = ph.Spheres(rng.uniform(-0.3, 0.3, (50_000, 3)), 0.002)  # some three across a pixel
+    yield picture("camera rays, spheres smaller than a pixel", ph.Scene([dust]), 1)
 
 
 def child() -> None:
