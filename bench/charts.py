@@ -151,7 +151,7 @@ def scale(rows: Rows) -> Figure | None:
         print(f"{label}: {there:.3g} at {far:.0e}")
         axis.semilogx(count, value, "o-", color=COLORS[OURS], label="measured")
         line, words = ([count[-1], far], [value[-1], there]), "by the slope"
-        axis.plot(*line, "o:", color=COLORS[OURS], markerfacecolor="white", label=words)
+        axis.plot(*line, "o:", color=COLORS[OURS], mfc="white", markevery=[1], label=words)
         axis.set(xlabel="spheres", ylabel=label)
         if power == 1:
             axis.set_yscale("log")
