@@ -16,7 +16,7 @@ from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
-from .process import Worker
+from .process import Worker, in_turn
 from .scenes import BenchError
 from .summary import Row, markdown, ratios
 
@@ -127,7 +127,7 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
             counts[peer] = [many // 4, many]
         runs: dict[str, list[list[Run]]] = {peer: [[], []] for peer in workers}
         for turn in range(plan.rounds + 1):
-            for peer, pair in counts.items():
+            for peer, pair in in_turn(counts.items(), turn):
                 for k, spp in enumerate(pair):
                     run = measured(peer, spp, turn)
                     if turn:  # the first is not counted: it may compile

@@ -20,7 +20,7 @@ from .equal import equal
 from .lights import lights
 from .loading import loading
 from .noise import noise
-from .process import Worker, run, start_seconds
+from .process import Worker, in_turn, run, start_seconds
 from .rays import rays
 from .references import references
 from .scenes import GALLERY, BenchError
@@ -263,10 +263,10 @@ ASKED = ("references", "equal", "threads", "noise")
 def alternate(
     runs: Sequence[tuple[str, Callable[[], dict[str, Any]]]], rounds: int
 ) -> dict[str, list[dict[str, Any]]]:
-    """Answers of each, in turns, after one turn that is not counted."""
+    """Answers of each, in turns that begin with another each, after one that is not counted."""
     answers: dict[str, list[dict[str, Any]]] = {name: [] for name, _ in runs}
     for turn in range(rounds + 1):
-        for name, call in runs:
+        for name, call in in_turn(runs, turn):
             answer = call()
             if turn:
                 answers[name].append(answer)

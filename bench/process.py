@@ -8,13 +8,24 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from .scenes import REPOSITORY, BenchError
 
 SECONDS_A_REQUEST = 600.0
+
+T = TypeVar("T")
+
+
+def in_turn(runs: Iterable[T], turn: int) -> list[T]:
+    """In the order of one of several turns: what one run leaves to the next, such as a processor
+    that is hot or threads that still spin, does not always meet the same one."""
+    all_of_them = list(runs)
+    first = turn % len(all_of_them)
+    return all_of_them[first:] + all_of_them[:first]
 
 
 class Worker:

@@ -19,7 +19,7 @@ import numpy as np
 
 import parhelion as ph
 
-from .process import Worker
+from .process import Worker, in_turn
 from .scenes import BenchError
 from .summary import Row, ratios
 
@@ -66,14 +66,16 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
                 if name == "parhelion":
                     raise
                 notes.add(f"{name} was not measured with {what}: {problem}")
+        kinds = (*BUILDS, *RAYS)
+        speed = {(kind, name): [] for kind in kinds for name in workers}
         for turn in range(plan.rounds + 1):
-            for kind in (*BUILDS, *RAYS):
-                for name, worker in workers.items():
+            for kind in kinds:
+                for name, worker in in_turn(workers.items(), turn):
                     answer = worker.ask({"rays": kind})
                     if kind in RAYS:
                         hits[kind, name] = answer["hits"]
                     if turn:  # the first is not counted: pages are touched
-                        speed.setdefault((kind, name), []).append(
+                        speed[kind, name].append(
                             answer["rays"] / answer["seconds"] / 1e6
                             if kind in RAYS
                             else answer["seconds"]

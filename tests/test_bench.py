@@ -82,8 +82,9 @@ def test_runs_alternate_and_the_first_round_is_not_counted():
         return lambda: order.append(name) or {"turn": len(order)}
 
     answers = alternate([("a", runner("a")), ("b", runner("b"))], 2)
-    assert order == ["a", "b"] * 3
-    assert answers == {"a": [{"turn": 3}, {"turn": 5}], "b": [{"turn": 4}, {"turn": 6}]}
+    # each turn begins with another
+    assert order == ["a", "b", "b", "a", "a", "b"]
+    assert answers == {"a": [{"turn": 4}, {"turn": 5}], "b": [{"turn": 3}, {"turn": 6}]}
 
 
 @pytest.mark.parametrize(
