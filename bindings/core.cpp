@@ -923,6 +923,9 @@ NB_MODULE(_core, m) {
   m.attr("block") = kBlock;
   m.attr("region") = kRegion;
   m.def("tables", &tables);
+  // Of what the calling thread asks for.
+  m.def("max_threads", [] { return omp_get_max_threads(); });
+  m.def("set_max_threads", [](int count) { omp_set_num_threads(count); }, "count"_a);
   m.def("instruction_sets", &instruction_sets);
   m.def("instruction_set", [] { return std::string(kernels().name); });
   // Clang's OpenMP reads the environment when it is first called, which is to be while __init__.py

@@ -16,7 +16,7 @@ import pytest
 
 import parhelion as ph
 from conftest import REPOSITORY
-from parhelion import memory, renderer
+from parhelion import _core, machine, memory, renderer
 from parhelion.flatten import flatten
 from parhelion.framing import bounds
 from parhelion.progress import Progress
@@ -102,6 +102,40 @@ def test_threads_sleep_soon_unless_the_user_says_how_they_wait(said: dict[str, s
         assert int(told[1]) > 10**9
     else:
         assert told[1] == said.get("GOMP_SPINCOUNT", "10000")
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads by Linux's /proc")
+@pytest.mark.parametrize("count", [1, 3])
+def test_no_more_threads_than_are_asked_for(count: int) -> None:
+    """Not for trees, meshes, films and means of many pixels either."""
+    code = f"""
+import os, numpy as np, parhelion as ph
+from parhelion import _core
+threads = lambda: len(os.listdir("/proc/self/task"))
+before, most = threads(), _core.max_threads()
+corners = np.random.default_rng(1).random((30_000, 3)).astype(np.float32)
+mesh = ph.Mesh(corners, np.arange(30_000).reshape(-1, 3), normals=corners + 1)
+balls = ph.Spheres(corners, 0.001)
+size = dict(width=320, height=320, spp=1)
+ph.render(ph.Scene([mesh, balls]), threads={count}, features=True, time_limit=60, **size)
+assert threads() - before == {count} - 1, threads() - before
+assert _core.max_threads() == most
+"""
+    done = script(code, env=os.environ | {"OMP_NUM_THREADS": "5"})
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_quota_of_processor_time_counts_for_trees(monkeypatch: pytest.MonkeyPatch) -> None:
+    most = _core.max_threads()
+    monkeypatch.setattr(machine, "cores_available", lambda: 1)
+    with machine.threads():
+        assert _core.max_threads() == 1
+    with machine.threads(7):
+        assert _core.max_threads() == 7
+        with pytest.raises(KeyError), machine.threads(2):
+            raise KeyError
+        assert _core.max_threads() == 7
+    assert _core.max_threads() == most
 
 
 def test_dir_lists_every_name_once() -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import platform
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -16,6 +19,22 @@ def cores_available() -> int:
     """Hardware threads this process may use: its affinity, and no more than its CPU quota."""
     quota = _cpu_quota()
     return min(_affinity(), max(1, math.ceil(quota))) if quota else _affinity()
+
+
+@contextmanager
+def threads(count: int = 0) -> Iterator[None]:
+    """What the calling thread asks of the core meanwhile is done by so many threads.
+
+    0: by as many as before, but no more than cores_available(), which knows of quotas.
+    """
+    from . import _core
+
+    before = _core.max_threads()
+    _core.set_max_threads(count or min(before, cores_available()))
+    try:
+        yield
+    finally:
+        _core.set_max_threads(before)
 
 
 def describe() -> dict[str, Any]:
@@ -70,6 +89,7 @@ def _affinity() -> int:
     return os.cpu_count() or 1
 
 
+@functools.cache
 def _cpu_quota() -> float | None:
     """Cores' worth of CPU time a Linux control group grants, as containers set it, or None."""
     group = "/"

@@ -65,8 +65,7 @@ def turntable(
         places = [arguments.whole("places", place, 0, number - 1) for place in places]
         if not places:
             return iter(())
-    limit = options.get("memory_limit")
-    prepared = scene if isinstance(scene, Prepared) else prepare(scene, memory_limit=limit)
+    prepared = scene if isinstance(scene, Prepared) else _prepared(scene, options)
     shown = prepared.scene if camera is None else prepared.scene.replace(camera=camera)
     names = {f.name for f in fields(Settings)}
     settings = merged(shown.settings, {k: v for k, v in options.items() if k in names})
@@ -85,8 +84,13 @@ def _rendered(
                 moved = turn.rotation.tolist(), turn.pivot.tolist()
                 lit = lit.replace(source=replace(lit.source, turned=moved))
             del prepared  # two trees at a time would be one too many
-            prepared = prepare(lit, memory_limit=options.get("memory_limit"))
+            prepared = _prepared(lit, options)
         yield render(prepared, camera=turn.camera, **options)
+
+
+def _prepared(scene: Scene | Any, options: dict[str, Any]) -> Prepared:
+    threads = options.get("threads", 0) if options.get("cluster") is None else 0
+    return prepare(scene, threads=threads, memory_limit=options.get("memory_limit"))
 
 
 def turns(scene: Scene, count: int, aspect: float, up: Vec3 | None = None) -> list[Turn]:

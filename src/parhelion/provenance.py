@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import arguments
+from . import arguments, machine
 from .denoise import without_guides
 from .display import told_display
 from .errors import FormatError, ParhelionError, SceneError
@@ -147,10 +147,11 @@ def remade(
     """As rerender(), of what a file was read to tell."""
     from . import _core
 
-    prepared = prepare(made.scene() if scene is None else scene)
+    prepared = prepare(made.scene() if scene is None else scene, threads=threads)
     if made.hidden:
         flat = prepared.flat.without(made.hidden)
-        prepared = replace(prepared, flat=flat, core=build(flat))
+        with machine.threads(threads):
+            prepared = replace(prepared, flat=flat, core=build(flat))
     if prepared.flat.sha256() != made.scene_hash:
         raise SceneError(
             f"{made.path}: was made of another scene than"

@@ -52,6 +52,7 @@ _WITH_THREADS = 4096
 _LESS = "copies take less as instances, as do fewer shapes and smaller images"
 
 LARGEST_SIDE = 65536
+MOST_THREADS = 4096
 INTEGRATORS = ("path", "direct", "ao")
 TREES = ("bvh", "none")
 SCHEDULES = ("dynamic", "static", "guided")
@@ -68,10 +69,13 @@ class Prepared:
 
 
 @memory.told
-def prepare(scene: Scene | Any, *, memory_limit: int | str | None = None) -> Prepared:
+def prepare(
+    scene: Scene | Any, *, threads: int = 0, memory_limit: int | str | None = None
+) -> Prepared:
     """Checks a scene, or anything that scene_of() makes one of, and builds its tree.
 
-    memory_limit: bytes, or a text such as "4G", that the process may hold.
+    threads: 0 takes every core, or as many as OMP_NUM_THREADS says. memory_limit: bytes, or a text
+    such as "4G", that the process may hold.
 
     Raises SceneError, naming the object and the element, for a scene that has no meaning, and
     ResourceError for one that takes more memory than the limit or the system leave, before that is
@@ -82,11 +86,12 @@ def prepare(scene: Scene | Any, *, memory_limit: int | str | None = None) -> Pre
         from .objects import scene_of
 
         scene = scene_of(scene)
-    with memory.limited(memory_limit):
+    threads = arguments.whole("threads", threads, 0, MOST_THREADS)
+    with memory.limited(memory_limit), machine.threads(threads):
         flat = flatten(scene)
         core = build(flat)
     if core.stats()["leaves"] > _WITH_THREADS:
-        memory.note_threads(machine.cores_available())
+        memory.note_threads(threads or machine.cores_available())
     seconds = time.perf_counter() - start
     log.debug("scene %s: %s in %.3f s", scene.name, core.stats(), seconds)
     return Prepared(scene, flat, core, seconds)
@@ -172,7 +177,11 @@ def render(
     from . import _core
 
     start, limit = time.perf_counter(), memory_limit
-    prepared = scene if isinstance(scene, Prepared) else prepare(scene, memory_limit=limit)
+    if isinstance(scene, Prepared):
+        prepared = scene
+    else:  # with a cluster threads are those of each worker
+        own = threads if cluster is None else 0
+        prepared = prepare(scene, threads=own, memory_limit=limit)
     endless = settings.get("noise") is not None or time_limit is not None
     if endless and shard is None and settings.get("spp") is None:
         settings = {**settings, "spp": MOST_SAMPLES}
@@ -215,34 +224,37 @@ def render(
     else:
         goal = Goal(int(wanted_counts.max()), None, deadline, wanted_counts)
     try:
-        film = _core.Film(x, y, width, height, features, errors)
-        with ExitStack() as stack:
-            sampler: Sampler = Cores(prepared.core, view, work)
-            if cluster is not None:
-                from .cluster import sampler_of
+        with machine.threads(work.threads):
+            film = _core.Film(x, y, width, height, features, errors)
+            with ExitStack() as stack:
+                sampler: Sampler = Cores(prepared.core, view, work)
+                if cluster is not None:
+                    from .cluster import sampler_of
 
-                sampler = stack.enter_context(
-                    sampler_of(
-                        *(cluster, threads, prepared.flat, view_camera, wanted, film),
-                        source=prepared.scene.source,
-                        tree=tree == "bvh",
-                        features=features,
-                        errors=errors,
-                        isa=isa,
+                    sampler = stack.enter_context(
+                        sampler_of(
+                            *(cluster, threads, prepared.flat, view_camera, wanted, film),
+                            source=prepared.scene.source,
+                            tree=tree == "bvh",
+                            features=features,
+                            errors=errors,
+                            isa=isa,
+                        )
                     )
-                )
-            rendering = Rendering(film, goal, sampler)
-            rendering.spent.seconds += looking
-            report = stack.enter_context(bar()) if progress is True else progress or None
-            if checkpoint is None:
-                ended = rendering.run(report)
-            else:
-                made_of = checkpoints.identity(prepared.flat, view_camera, wanted, features, shard)
-                told = None if shard is None else _told_shard(prepared, features, work)
-                ended = _checkpointed(
-                    rendering, report, checkpoint, interval, resume, made_of, told
-                )
-        image, bad = _image(prepared, wanted, view_camera, rendering, sampler, ended)
+                rendering = Rendering(film, goal, sampler)
+                rendering.spent.seconds += looking
+                report = stack.enter_context(bar()) if progress is True else progress or None
+                if checkpoint is None:
+                    ended = rendering.run(report)
+                else:
+                    made_of = checkpoints.identity(
+                        prepared.flat, view_camera, wanted, features, shard
+                    )
+                    told = None if shard is None else _told_shard(prepared, features, work)
+                    ended = _checkpointed(
+                        rendering, report, checkpoint, interval, resume, made_of, told
+                    )
+            image, bad = _image(prepared, wanted, view_camera, rendering, sampler, ended)
     except MemoryError as error:
         raise ResourceError(f"not enough memory for a picture of {width}x{height}") from error
     most = int(image.counts.max())
@@ -451,7 +463,7 @@ def _work(threads: Any, tile: Any, schedule: str, isa: str) -> Work:
         if name not in choices:
             raise SceneError(unknown_name(what, name, filter(None, choices)))
     return Work(
-        threads=arguments.whole("threads", threads, 0, 4096) or machine.cores_available(),
+        threads=arguments.whole("threads", threads, 0, MOST_THREADS) or machine.cores_available(),
         tile=arguments.whole("tile", tile, 1, LARGEST_SIDE),
         schedule=schedule,
         isa=isa or _core.instruction_set(),

@@ -197,7 +197,8 @@ def _built(flat: Any) -> Any:
     """The core's scene, with room made for it."""
     from distributed import get_worker
 
-    with memory.limited(get_worker().memory_manager.memory_limit or None):
+    limit = get_worker().memory_manager.memory_limit or None
+    with memory.limited(limit), machine.threads():
         return _built_within(flat)
 
 
@@ -254,7 +255,10 @@ def render_unit(unit: Unit) -> Seen | Lacking | Failed:
     try:
         with _busy:
             prepared = _prepared(unit.picture)
-            return Lacking(address) if prepared is None else _rendered(unit, address, *prepared)
+            if prepared is None:
+                return Lacking(address)
+            with machine.threads(prepared[0].threads):
+                return _rendered(unit, address, *prepared)
     except Exception as error:  # whatever may happen on a machine
         return Failed(address, f"{type(error).__name__}: {error}")
 

@@ -29,7 +29,7 @@ from ..denoise import check_denoiser, denoised, finite, guides_of
 from ..display import Display
 from ..errors import ParhelionError, ResourceError, SceneError, unknown_name
 from ..image import HIDDEN, Image, RenderStats
-from ..renderer import Prepared, merged, plain_camera, prepare
+from ..renderer import MOST_THREADS, Prepared, merged, plain_camera, prepare
 from ..scene import Camera, Framing, Scene
 from .drawing import LONGEST_PASS, Drawing, Frame, Rectangle, Request, draw, rectangle, require
 from .layers import LAYERS, PICTURE, needs_features, shown
@@ -102,10 +102,11 @@ class Session:
         with memory.limited(memory_limit):
             self._memory_limit = memory.limit()
         with self.limited():
-            prepared = scene if isinstance(scene, Prepared) else prepare(scene)
+            own = threads if cluster is None else 0
+            prepared = scene if isinstance(scene, Prepared) else prepare(scene, threads=own)
         changes = {k: v for k, v in settings.items() if v is not None and k != "crop"}
         self._condition = threading.Condition()
-        threads = arguments.whole("threads", threads, 0, 4096)
+        threads = arguments.whole("threads", threads, 0, MOST_THREADS)
         self._threads = (threads if cluster is None else 0) or machine.cores_available()
         self._listeners: list[Callable[[Event], None]] = []
         self._jobs: deque[tuple[Callable[[], None], Future[None]]] = deque()
@@ -336,7 +337,9 @@ class Session:
         Checks it and builds its tree in the calling thread. Raises SceneError; the old one stays.
         """
         with self.limited():
-            prepared = scene if isinstance(scene, Prepared) else prepare(scene)
+            if not isinstance(scene, Prepared):
+                scene = prepare(scene, threads=self._threads)
+            prepared = scene
 
         def job() -> None:
             self._stage.take(prepared)
@@ -493,7 +496,7 @@ class Session:
     # --- The thread ------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        with self.limited():
+        with self.limited(), machine.threads(self._threads):
             self._work()
 
     def _work(self) -> None:
