@@ -225,7 +225,7 @@ def error(plan: Plan, notes: Notes) -> list[Row]:
         products: dict[str, list[float]] = {name: [] for name, *_ in runs}
         path = plan.cache / "picture.npy"
         for seed in range(plan.rounds + 1):
-            for name, worker, reference, options in runs:
+            for name, worker, reference, options in in_turn(runs, seed):
                 seconds = worker.render(plan.spp, seed, path, **options)["seconds"]
                 if seed:  # the first is not counted: it may compile
                     mse = float(np.mean((np.load(path).astype(np.float64) - reference) ** 2))

@@ -21,11 +21,12 @@ T = TypeVar("T")
 
 
 def in_turn(runs: Iterable[T], turn: int) -> list[T]:
-    """In the order of one of several turns: what one run leaves to the next, such as a processor
-    that is hot or threads that still spin, does not always meet the same one."""
-    all_of_them = list(runs)
-    first = turn % len(all_of_them)
-    return all_of_them[first:] + all_of_them[:first]
+    """In the order of one of several turns, each with another first, and every second backwards:
+    what one leaves to the next, such as a processor that is hot or threads that still spin, does
+    not always meet the same one."""
+    order = list(runs)
+    first = turn % len(order)
+    return (order[first:] + order[:first])[:: -1 if turn % 2 else 1]
 
 
 class Worker:

@@ -55,7 +55,6 @@ def rays(plan: Any, notes: Any) -> list[Row]:
 
 def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[Row]:
     workers: dict[str, Worker] = {}
-    speed: dict[tuple[str, str], list[float]] = {}
     hits: dict[tuple[str, str], int] = {}
     try:
         for name in PROGRAMS:
@@ -67,7 +66,9 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
                     raise
                 notes.add(f"{name} was not measured with {what}: {problem}")
         kinds = (*BUILDS, *RAYS)
-        speed = {(kind, name): [] for kind in kinds for name in workers}
+        speed: dict[tuple[str, str], list[float]] = {
+            (k, name): [] for k in kinds for name in workers
+        }
         for turn in range(plan.rounds + 1):
             for kind in kinds:
                 for name, worker in in_turn(workers.items(), turn):

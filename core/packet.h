@@ -22,9 +22,6 @@ PH_INLINE void bounds_of(const Rows<Vec3, kBatch>& rows, u32 lanes, Vec3& low, V
   extremes(own, low, high);
 }
 
-// A node's child is narrow if it is wide as so many half widths of the bundle at most.
-inline constexpr float kNarrow = 4.0f;
-
 // The axis along which all rays of some lanes run fastest, or -1 if it differs.
 PH_INLINE int common_axis(const Rows<Vec3, kBatch>& direction, u32 lanes) {
   u32 axis[kBatch];
@@ -153,6 +150,9 @@ PH_APART inline void walk_alone(const SceneView& scene, const Node& node, u32 la
     walk_tree<false, false>(scene, node.child[lane], ray, best);
   });
 }
+
+// What is not as wide as so many half widths of a bundle is narrow.
+inline constexpr float kNarrow = 4.0f;
 
 // Whether a node's child is so narrow beside the bundle, where its box begins, that rays which meet
 // it have little in common below it: then a bundle would test for all of them what few meet, as

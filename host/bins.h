@@ -199,7 +199,7 @@ PH_APART inline void split(const Part& p, Part& left, Part& right) {
 // The same of a large part by tasks of a parallel region, one for so many primitives or more: both
 // halves lie in `to` then, each in the order that it had. False where no plane divides it.
 inline constexpr size_t kBinnedATask = 4096, kMostBinned = 64;
-inline bool split_by_tasks(const Part& p, Ref* to, Part& left, Part& right) {
+PH_APART inline bool split_by_tasks(const Part& p, Ref* to, Part& left, Part& right) {
   const size_t tasks = std::min(p.size / kBinnedATask, kMostBinned);
   const auto start = [&](size_t task) { return p.size * task / tasks; };
   std::vector<Bins<kBins>> bins(tasks, Bins<kBins>(p.centers));
@@ -213,6 +213,7 @@ inline bool split_by_tasks(const Part& p, Ref* to, Part& left, Part& right) {
     Ref *left, *right;
     Part made[2];
   };
+  // Where each task's primitives go is known, as bins and plane agree about each to the bit.
   std::vector<Halves> halves(tasks);
   Ref *next_left = to, *next_right = to + plane.count;
   for (size_t t = 0; t < tasks; ++t) {

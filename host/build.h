@@ -512,7 +512,8 @@ class TreeBuilder {
       // Most parts that are not can be told by a few, before all are sorted into cells.
       std::vector<u32> some(cells);
       for (size_t i = 0; i < n; i += kSampled) ++some[grid.cell_of(ref_of(items[i]))];
-      if (crowded(some, (n - 1) / kSampled + 1, [](u32 count) { return count; })) return false;
+      const auto count = [](u32 of_cell) { return of_cell; };
+      if (crowded(some, (n - 1) / kSampled + 1, kCrowdOfSample, count)) return false;
     }
     // A chunk has as many primitives as there are cells, or more: to clear and sum its bins takes
     // as long as to fill them. So of 262,144 primitives and fewer there are some eight.
@@ -546,7 +547,7 @@ class TreeBuilder {
       total = &merged;
     }
 
-    if (even && crowded(*total, n, [](const Bin& b) { return b.count; })) return false;
+    if (even && crowded(*total, n, kCrowd, [](const Bin& b) { return b.count; })) return false;
     Cells all{{0, 0, 0}, {grid.size[0], grid.size[1], grid.size[2]}, {}, false};
     for (const Bin& b : *total) all.sum.grow(b);
     std::vector<std::uint16_t> part_of(cells);

@@ -13,9 +13,10 @@ namespace parhelion::tree {
 // Grids have a cell for so many primitives on average, and at most kMostCells. A node is made of no
 // fewer than kCellsANode cells.
 inline constexpr size_t kPerCell = 8, kMostCells = 32768, kCellsANode = 512;
-// A cell of so many times the usual number of primitives is crowded; one of so many primitives is
-// looked at to tell most that lie in such cells.
-inline constexpr size_t kCrowd = 4, kSampled = 16;
+// A cell of so many times the usual number of primitives is crowded. One of so many primitives is
+// looked at to find most parts that have too many such cells; where so few lie in a cell that
+// chance makes some crowded, it takes twice as many.
+inline constexpr size_t kCrowd = 4, kSampled = 16, kCrowdOfSample = 2 * kCrowd;
 
 // Cells about as long as wide, over the centres of n primitives.
 struct Grid {
@@ -79,14 +80,14 @@ struct Cells {
   }
 };
 
-// Most of n primitives lie in few cells, of which each has count(cell): a grid of their own would
-// still tell them poorly apart.
+// Most of n primitives, of which each cell has count(cell), lie in cells of so many times the usual
+// number: a grid of their own would still tell them poorly apart.
 template <class Cell, class Count>
-bool crowded(const std::vector<Cell>& cells, size_t n, const Count& count) {
+bool crowded(const std::vector<Cell>& cells, size_t n, size_t times, const Count& count) {
   size_t crowd = 0;
   for (const Cell& c : cells) {
     const size_t here = count(c);
-    if (here * cells.size() > kCrowd * n) crowd += here;
+    if (here * cells.size() > times * n) crowd += here;
   }
   return 2 * crowd > n;
 }

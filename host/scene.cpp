@@ -234,7 +234,7 @@ Scene::Scene(SceneInput input, u64 memory_limit)
   if (many_materials) material_of_ = Array<u32>(primitive_count_);
   if (colored) {
     color_of_ = Array<Vec3>(primitive_count_);
-    each(primitive_count_, [&](size_t i) { color_of_[i] = {kNan, kNan, kNan}; });
+    for_all(primitive_count_, [&](size_t i) { color_of_[i] = {kNan, kNan, kNan}; });
   }
   materials_ = std::move(input.materials);
 
@@ -457,10 +457,10 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
       if (s.faces) keep_mesh(s, record);
     }
     if (s.material_of) {
-      each(s.count, [&](size_t i) { material_of_[next_id + i] = s.material_of[i]; });
+      for_all(s.count, [&](size_t i) { material_of_[next_id + i] = s.material_of[i]; });
     }
     if (s.colors) {
-      each(s.count, [&](size_t i) {
+      for_all(s.count, [&](size_t i) {
         color_of_[next_id + i] = {s.colors[3 * i], s.colors[3 * i + 1], s.colors[3 * i + 2]};
       });
     }
@@ -570,7 +570,7 @@ static Vec3 unit(const float* v) {
 template <class T, class Make>
 static Array<T> array_of(size_t n, const Make& make) {
   Array<T> made(n);
-  each(n, [&](size_t i) { made[i] = make(i); });
+  for_all(n, [&](size_t i) { made[i] = make(i); });
   return made;
 }
 

@@ -10,7 +10,7 @@ inline constexpr std::size_t kFewElements = 4096;
 
 // f(i) of each i < n, by all threads if these are many.
 template <class F>
-void each(std::size_t n, const F& f) {
+void for_all(std::size_t n, const F& f) {
 #pragma omp parallel for schedule(static) if (n > kFewElements)
   for (std::size_t i = 0; i < n; ++i) f(i);
 }

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -81,10 +82,12 @@ def test_runs_alternate_and_the_first_round_is_not_counted():
     def runner(name: str):
         return lambda: order.append(name) or {"turn": len(order)}
 
-    answers = alternate([("a", runner("a")), ("b", runner("b"))], 2)
-    # each turn begins with another
-    assert order == ["a", "b", "b", "a", "a", "b"]
-    assert answers == {"a": [{"turn": 4}, {"turn": 5}], "b": [{"turn": 3}, {"turn": 6}]}
+    answers = alternate([(name, runner(name)) for name in "abc"], 3)
+    assert order == [*"abc", *"acb", *"cab", *"cba"]
+    assert answers["a"] == [{"turn": 4}, {"turn": 8}, {"turn": 12}]
+    # none always comes after the same one
+    for name in "abc":
+        assert len({before for before, after in pairwise(order) if after == name}) > 1
 
 
 @pytest.mark.parametrize(

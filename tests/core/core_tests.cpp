@@ -21,6 +21,7 @@
 
 #include "../../core/material.h"
 #include "../../core/packet.h"
+#include "../../host/bins.h"
 #include "../../host/errors.h"
 #include "../../host/kernels.h"
 #include "../../host/partition.h"
@@ -544,6 +545,47 @@ void partitions_keep_their_order() {
       std::sort(plain.begin(), plain.end());
       CHECK(own == plain);
     }
+  }
+}
+
+// The same halves as by one thread, each in the order that it had. Of boxes about one point there
+// are none.
+void several_threads_divide_as_one_does() {
+  const auto alike = [](const Extent& a, const Extent& b) {
+    const Aabb one = a.box(), other = b.box();
+    return std::memcmp(&one, &other, sizeof one) == 0;
+  };
+  for (const size_t n : {size_t{20000}, size_t{100003}, size_t{600000}}) {
+    std::vector<Ref> refs(n), spare(n);
+    for (u32 i = 0; i < n; ++i) {
+      for (u32 k = 0; k < 3; ++k) {
+        const float at =
+            static_cast<float>(static_cast<u32>(baseline::mix(3 * i + k)) >> 8) * 0x1p-24f;
+        refs[i].low[k] = at * at * at, refs[i].high[k] = refs[i].low[k] + 1e-3f * at;
+      }
+      refs[i].id = i;
+    }
+    const std::vector<Ref> before = refs;
+    tree::Part left, right, one_left, one_right;
+    const tree::Part whole = tree::measure(refs.data(), n);
+    bool divided = false;
+#pragma omp parallel num_threads(3)
+#pragma omp single
+    divided = tree::split_by_tasks(whole, spare.data(), left, right);
+    CHECK(divided && left.refs == spare.data() && right.refs == spare.data() + left.size);
+    tree::split(whole, one_left, one_right);
+    CHECK(left.size == one_left.size && right.size == one_right.size && left.size > 0);
+    CHECK(alike(left.box, one_left.box) && alike(left.centers, one_left.centers));
+    CHECK(alike(right.box, one_right.box) && alike(right.centers, one_right.centers));
+    std::vector<bool> is_left(n, false);
+    for (size_t i = 0; i < left.size; ++i) is_left[one_left.refs[i].id] = true;
+    size_t next_left = 0, next_right = left.size;
+    for (u32 i = 0; i < n; ++i) {
+      CHECK(std::memcmp(&spare[is_left[i] ? next_left++ : next_right++], &before[i], sizeof(Ref)) ==
+            0);
+    }
+    const Extent point = tree::measure(refs.data(), 1).centers;
+    CHECK(!tree::split_by_tasks({refs.data(), n, whole.box, point}, spare.data(), left, right));
   }
 }
 
@@ -1204,6 +1246,7 @@ int main() {
   rays_together_meet_what_each_meets();
   bundles_meet_what_their_rays_meet();
   partitions_keep_their_order();
+  several_threads_divide_as_one_does();
   lobes_share_even_numbers();
   plain_materials_are_the_whole();
   what_is_pulled_to_mirrors_is_as_bright();
