@@ -189,16 +189,17 @@ def keep(scene: str, skeleton: bytes, bundles: Sequence[Any]) -> None:
 def _keep(scene: str, flat: Any) -> None:
     with _busy:
         if scene not in _scenes:
-            _scenes[scene] = _built(flat)
+            asked = (p.threads for p, _ in _pictures.values() if p.scene == scene)
+            _scenes[scene] = _built(flat, next(asked, 0))
         _used[scene] = time.monotonic()
 
 
-def _built(flat: Any) -> Any:
-    """The core's scene, with room made for it."""
+def _built(flat: Any, threads: int) -> Any:
+    """The core's scene, with room made for it. threads: 0 for all cores."""
     from distributed import get_worker
 
     limit = get_worker().memory_manager.memory_limit or None
-    with memory.limited(limit), machine.threads():
+    with memory.limited(limit), machine.threads(threads):
         return _built_within(flat)
 
 
