@@ -366,8 +366,7 @@ class TreeBuilder {
 
   void make_large(const Open& part) {
     Array<Ref> refs(part.size), spare(part.size);
-#pragma omp parallel for schedule(static)
-    for (size_t k = 0; k < part.size; ++k) refs[k] = fetched(part, k);
+    for_all(part.size, [&](size_t k) { refs[k] = fetched(part, k); });
     const size_t before = jobs_.size();
     add({part, refs.data(), spare.data()});
     make_jobs(before);

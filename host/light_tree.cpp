@@ -7,6 +7,7 @@
 
 #include "../core/special.h"
 #include "memory.h"
+#include "threads.h"
 
 namespace parhelion {
 namespace {
@@ -460,8 +461,7 @@ LightTreeNeeds light_tree_needs(size_t lights) {
 LightTree build_light_tree(std::vector<LightLeaf> leaves) {
   LightTree tree;
   if (leaves.empty()) return tree;
-#pragma omp parallel for schedule(static)
-  for (size_t i = 0; i < leaves.size(); ++i) leaves[i].light = static_cast<u32>(i);
+  for_all(leaves.size(), [&](size_t i) { leaves[i].light = static_cast<u32>(i); });
   Builder(leaves).build(tree);
   return tree;
 }

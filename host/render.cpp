@@ -90,11 +90,10 @@ void Film::add(const Film& part, std::span<const u32> begun) {
 }
 
 void Film::means(float* rgb) const {
-#pragma omp parallel for schedule(static) if (pixels.size() > kFewElements)
-  for (size_t i = 0; i < pixels.size(); ++i) {
+  for_all(pixels.size(), [&](size_t i) {
     for (size_t k = 0; k < 3; ++k)
       rgb[3 * i + k] = baseline::mean(pixels[i].rgb[k], pixels[i].count);
-  }
+  });
 }
 
 void Film::ranks(Tally FeaturePixel::* tally, std::span<const u32> ids, float* out) const {

@@ -714,8 +714,7 @@ void Scene::make_lights(std::vector<LightInput> inputs) {
 // The tree of lights, and how many samples go to those outside.
 void Scene::weigh_lights() {
   std::vector<LightLeaf> leaves(emitters_.size() + view_.outside_first);
-#pragma omp parallel for if (emitters_.size() > kFewElements)
-  for (size_t i = 0; i < emitters_.size(); ++i) leaves[i] = leaf_of(emitters_[i]);
+  for_all(emitters_.size(), [&](size_t i) { leaves[i] = leaf_of(emitters_[i]); });
   for (u32 i = 0; i < view_.outside_first; ++i) {
     const LightReach r = baseline::light_reach(lights_[i], view_.tables);
     leaves[emitters_.size() + i] = {{r.position, r.position}, r.axis, r.cos_o, r.cos_e, r.power, 0};

@@ -116,7 +116,7 @@ before, most = threads(), _core.max_threads()
 corners = np.random.default_rng(1).random((30_000, 3)).astype(np.float32)
 mesh = ph.Mesh(corners, np.arange(30_000).reshape(-1, 3), normals=corners + 1)
 balls = ph.Spheres(corners, 0.001)
-size = dict(width=320, height=320, spp=1)
+size = dict(width=320, height=320, spp=1, max_depth=2)
 ph.render(ph.Scene([mesh, balls]), threads={count}, features=True, time_limit=60, **size)
 assert threads() - before == {count} - 1, threads() - before
 assert _core.max_threads() == most

@@ -207,3 +207,33 @@ def test_the_same_bits_however_it_is_made() -> None:
     again = picture(ph.prepare(everything()), threads=2, tile=5, **size)
     assert again.tobytes() == reference.tobytes()
     assert picture(prepared, tree="none", **size).tobytes() == reference.tobytes()
+
+
+@pytest.mark.parametrize("kind", ["spheres", "mesh", "disks", "cylinders", "curves", "instances"])
+def test_a_pixel_that_shows_many_small_things(kind: str) -> None:
+    """Camera rays go their own ways among what is narrow beside them (core/packet.h)."""
+    rng = np.random.default_rng(17)
+    centers = rng.uniform(-1, 1, (1500, 3))
+    along, across = np.array([[0.03, 0, 0]]), np.array([[0, 0.03, 0.0]])
+    ends = centers + along
+    corners = np.stack([centers, ends, centers + across], axis=1).reshape(-1, 3)
+    one = ph.Spheres([[0, 0, 0]], 1.0)
+    shape = {
+        "spheres": lambda: ph.Spheres(centers, 0.02),
+        "mesh": lambda: ph.Mesh(corners, np.arange(len(corners)).reshape(-1, 3)),
+        "disks": lambda: ph.Disks(centers, along + 0 * centers, across + 0 * centers),
+        "cylinders": lambda: ph.Cylinders(centers, ends, 0.01),
+        "curves": lambda: ph.Curves(
+            np.stack([centers, ends], axis=1).reshape(-1, 3),
+            0.01,
+            counts=np.full(len(centers), 2),
+            basis="linear",
+        ),
+        "instances": lambda: ph.Instances([one], [moved(0.02 * np.eye(3), c) for c in centers]),
+    }[kind]()
+    camera = ph.Camera(eye=(0.3, 0.2, 5), target=(0, 0, 0), vfov=30)
+    prepared = ph.prepare(ph.Scene([shape], camera=camera))
+    size = {"width": 6, "height": 6, "max_depth": 3, "filter_radius": 0.5}
+    reference = picture(prepared, tree="none", **size)
+    assert np.ptp(reference) > 0.05
+    assert picture(prepared, **size).tobytes() == reference.tobytes()

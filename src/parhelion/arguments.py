@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
+MOST_THREADS = 4096
+
 
 def whole(name: str, value: Any, low: int, high: int) -> int:
     """A whole number in [low, high]."""
@@ -31,6 +33,15 @@ def whole(name: str, value: Any, low: int, high: int) -> int:
     if not low <= number <= high:
         raise SceneError(f"{option(name)} is {number}; must lie in [{low}, {high}]")
     return number
+
+
+def own_threads(threads: Any, cluster: Any = None) -> int:
+    """Those of this process that are asked for, 0 for all: with a cluster they are each worker's.
+
+    Raises SceneError for what is no number of threads.
+    """
+    asked = whole("threads", threads, 0, MOST_THREADS)
+    return asked if cluster is None else 0
 
 
 def number(name: str, value: Any) -> float:

@@ -1,4 +1,4 @@
-"""The machine a study runs on: processor, cores this process may use, versions, load."""
+"""The machine: processor, cores that this process may and does use, versions, load."""
 
 from __future__ import annotations
 
@@ -91,7 +91,10 @@ def _affinity() -> int:
 
 @functools.cache
 def _cpu_quota() -> float | None:
-    """Cores' worth of CPU time a Linux control group grants, as containers set it, or None."""
+    """Cores' worth of CPU time a Linux control group grants, as containers set it, or None.
+
+    Looked up once: a change while the process runs is not seen.
+    """
     group = "/"
     for line in lines("/proc/self/cgroup"):
         if line.startswith("0::/"):

@@ -89,8 +89,8 @@ def _rendered(
 
 
 def _prepared(scene: Scene | Any, options: dict[str, Any]) -> Prepared:
-    threads = options.get("threads", 0) if options.get("cluster") is None else 0
-    return prepare(scene, threads=threads, memory_limit=options.get("memory_limit"))
+    own = arguments.own_threads(options.get("threads", 0), options.get("cluster"))
+    return prepare(scene, threads=own, memory_limit=options.get("memory_limit"))
 
 
 def turns(scene: Scene, count: int, aspect: float, up: Vec3 | None = None) -> list[Turn]:

@@ -52,7 +52,6 @@ _WITH_THREADS = 4096
 _LESS = "copies take less as instances, as do fewer shapes and smaller images"
 
 LARGEST_SIDE = 65536
-MOST_THREADS = 4096
 INTEGRATORS = ("path", "direct", "ao")
 TREES = ("bvh", "none")
 SCHEDULES = ("dynamic", "static", "guided")
@@ -86,7 +85,7 @@ def prepare(
         from .objects import scene_of
 
         scene = scene_of(scene)
-    threads = arguments.whole("threads", threads, 0, MOST_THREADS)
+    threads = arguments.own_threads(threads)
     with memory.limited(memory_limit), machine.threads(threads):
         flat = flatten(scene)
         core = build(flat)
@@ -177,10 +176,10 @@ def render(
     from . import _core
 
     start, limit = time.perf_counter(), memory_limit
+    own = arguments.own_threads(threads, cluster)
     if isinstance(scene, Prepared):
         prepared = scene
-    else:  # with a cluster threads are those of each worker
-        own = threads if cluster is None else 0
+    else:
         prepared = prepare(scene, threads=own, memory_limit=limit)
     endless = settings.get("noise") is not None or time_limit is not None
     if endless and shard is None and settings.get("spp") is None:
@@ -224,7 +223,7 @@ def render(
     else:
         goal = Goal(int(wanted_counts.max()), None, deadline, wanted_counts)
     try:
-        with machine.threads(work.threads):
+        with machine.threads(own):
             film = _core.Film(x, y, width, height, features, errors)
             with ExitStack() as stack:
                 sampler: Sampler = Cores(prepared.core, view, work)
@@ -463,7 +462,7 @@ def _work(threads: Any, tile: Any, schedule: str, isa: str) -> Work:
         if name not in choices:
             raise SceneError(unknown_name(what, name, filter(None, choices)))
     return Work(
-        threads=arguments.whole("threads", threads, 0, MOST_THREADS) or machine.cores_available(),
+        threads=arguments.own_threads(threads) or machine.cores_available(),
         tile=arguments.whole("tile", tile, 1, LARGEST_SIDE),
         schedule=schedule,
         isa=isa or _core.instruction_set(),

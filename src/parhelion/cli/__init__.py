@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
-from .. import __version__, machine
+from .. import __version__, arguments, machine
 from ..errors import ParhelionError, spelled
 from . import compare, convert, image, info, merge, pixel, render, rerender, study, view
 
@@ -75,10 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):  # a name may hold what the terminal can not show
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        # what is read and prepared, too; a study has a list of them
-        asked = getattr(args, "threads", 0)
-        alone = isinstance(asked, int) and asked > 0 and getattr(args, "cluster", None) is None
-        with spelled(args.flags), _terminable(), machine.threads(asked if alone else 0):
+        with spelled(args.flags), _terminable(), machine.threads(_own_threads(args)):
             code: int = args.run(args)
         if sys.stdout is not None:  # None: the process was started without one
             sys.stdout.flush()
@@ -96,6 +93,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("parhelion: stopped", file=sys.stderr)
         return EXIT_INTERRUPTED
+
+
+def _own_threads(args: argparse.Namespace) -> int:
+    """Those by which files are read, too; a study has a list of them."""
+    asked = getattr(args, "threads", 0)
+    if not isinstance(asked, int):
+        return 0
+    return arguments.own_threads(asked, getattr(args, "cluster", None))
 
 
 @contextmanager

@@ -29,7 +29,7 @@ from ..denoise import check_denoiser, denoised, finite, guides_of
 from ..display import Display
 from ..errors import ParhelionError, ResourceError, SceneError, unknown_name
 from ..image import HIDDEN, Image, RenderStats
-from ..renderer import MOST_THREADS, Prepared, merged, plain_camera, prepare
+from ..renderer import Prepared, merged, plain_camera, prepare
 from ..scene import Camera, Framing, Scene
 from .drawing import LONGEST_PASS, Drawing, Frame, Rectangle, Request, draw, rectangle, require
 from .layers import LAYERS, PICTURE, needs_features, shown
@@ -98,16 +98,15 @@ class Session:
         memory_limit: int | str | None = None,
         **settings: Any,
     ) -> None:
+        self._own_threads = arguments.own_threads(threads, cluster)
         # kept, as what the user allows is known to the thread alone that says it
         with memory.limited(memory_limit):
             self._memory_limit = memory.limit()
         with self.limited():
-            own = threads if cluster is None else 0
-            prepared = scene if isinstance(scene, Prepared) else prepare(scene, threads=own)
+            prepared = self._prepared(scene)
         changes = {k: v for k, v in settings.items() if v is not None and k != "crop"}
         self._condition = threading.Condition()
-        threads = arguments.whole("threads", threads, 0, MOST_THREADS)
-        self._threads = (threads if cluster is None else 0) or machine.cores_available()
+        self._threads = self._own_threads or machine.cores_available()
         self._listeners: list[Callable[[Event], None]] = []
         self._jobs: deque[tuple[Callable[[], None], Future[None]]] = deque()
         self._closing = False
@@ -337,9 +336,7 @@ class Session:
         Checks it and builds its tree in the calling thread. Raises SceneError; the old one stays.
         """
         with self.limited():
-            if not isinstance(scene, Prepared):
-                scene = prepare(scene, threads=self._threads)
-            prepared = scene
+            prepared = self._prepared(scene)
 
         def job() -> None:
             self._stage.take(prepared)
@@ -360,6 +357,11 @@ class Session:
         """An error to be told with the state, until it is None."""
         self._error = error
         self._tell("state")
+
+    def _prepared(self, scene: Scene | Prepared | Any) -> Prepared:
+        if isinstance(scene, Prepared):
+            return scene
+        return prepare(scene, threads=self._own_threads)
 
     def limited(self) -> AbstractContextManager[None]:
         """A block in which the memory is limited as the session's is."""
@@ -496,7 +498,7 @@ class Session:
     # --- The thread ------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        with self.limited(), machine.threads(self._threads):
+        with self.limited(), machine.threads(self._own_threads):
             self._work()
 
     def _work(self) -> None:
