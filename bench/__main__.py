@@ -37,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
         type=_names(GALLERY),
         default=GALLERY,
         metavar="NAME,...",
-        help="of the groups equal and threads",
+        help="of the groups equal, threads and overhead",
     )
     p.add_argument("--rounds", type=_count, default=d.rounds, help=f"default {d.rounds}")
     p.add_argument("--width", type=_count, default=d.width)

@@ -19,7 +19,9 @@ from typing import Any
 from .equal import equal
 from .lights import lights
 from .loading import loading
+from .memory import memory
 from .noise import noise
+from .overhead import overhead
 from .process import Worker, in_turn, run, start_seconds
 from .rays import rays
 from .references import references
@@ -27,6 +29,7 @@ from .scenes import GALLERY, BenchError
 from .summary import Row, ratios
 from .threads import EFFICIENCY, threads
 from .trajectories import trajectories
+from .trees import trees
 
 OURS = "parhelion"
 # and without what is found to pay in rooms and halls; of the group `equal`
@@ -46,8 +49,8 @@ REFERENCE_SEED = 100_000
 
 @dataclass(frozen=True)
 class Plan:
-    """Settings of all measurements. spheres: the weekend file. scenes: of `equal` and `threads`.
-    long: clouds of 1e7 and 1e8 too.
+    """Settings of all measurements. spheres: the weekend file. scenes: of `equal`, `threads` and
+    `overhead`. long: clouds of 1e7 and 1e8 too.
     """
 
     spheres: Path
@@ -249,6 +252,9 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
     "equal": equal,
     "threads": threads,
     "rays": rays,
+    "trees": trees,
+    "overhead": overhead,
+    "memory": memory,
     "lights": lights,
     "loading": loading,
     "trajectories": trajectories,

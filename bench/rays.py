@@ -11,6 +11,7 @@ scene, as it is made in Python, with all checks and a look at how much memory th
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,22 +36,31 @@ MOST = {"triangles": 1.0, "spheres": 1 / 1.5}  # Embree's rays a second over our
 
 def rays(plan: Any, notes: Any) -> list[Row]:
     """By the number of primitives: seconds to build, and rays of each kind."""
+    return [
+        row
+        for path, what, shape in loads(plan, notes)
+        for row in measured(plan, notes, path, what, shape)
+    ]
+
+
+def loads(plan: Any, notes: Any) -> Iterator[tuple[Path, str, str]]:
+    """Made scenes and those of the gallery, one after the other in a file that write() makes: its
+    path, the scene's name, and which of SHAPES it is of.
+    """
     plan.cache.mkdir(parents=True, exist_ok=True)
     path = plan.cache / "rays.npz"
-    rows = []
     for shape in SHAPES:
         for count in (10**3, 10**4, 10**5, 10**6) + ((10**7,) if plan.long else ()):
             write(path, shape, count)
-            rows += measured(plan, notes, path, f"{count:.0e} {shape}".replace("e+0", "e"), shape)
+            yield path, f"{count:.0e} {shape}".replace("e+0", "e"), shape
     for name in SCENES:
         try:
             write_scene(path, name)
         except BenchError as problem:
             notes.add(f"rays, {name}: not measured: {problem}")
             continue
-        rows += measured(plan, notes, path, name, "triangles")
+        yield path, name, "triangles"
     path.unlink()
-    return rows
 
 
 def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[Row]:

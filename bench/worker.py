@@ -53,13 +53,21 @@ def peak_bytes() -> int:
 
     Not from getrusage() where that can be helped: on Linux a child's figure starts at its parent's.
     """
+    peak = status_bytes("VmHWM")
+    if peak is not None:
+        return peak
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+
+
+def status_bytes(field: str) -> int | None:
+    """What Linux says of this process's memory; None elsewhere."""
     try:
         with open("/proc/self/status") as status:
             fields: dict[str, Any] = dict(line.split(":", 1) for line in status)
-        return int(fields["VmHWM"].split()[0]) * 1024
     except OSError:
-        unit = 1 if sys.platform == "darwin" else 1024
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+        return None
+    return int(fields[field].split()[0]) * 1024
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ PH_INLINE unsigned trailing_zeros(unsigned x) { return static_cast<unsigned>(__f
 PH_INLINE unsigned ones(unsigned x) { return static_cast<unsigned>(__popc(x)); }
 PH_INLINE void copy(void* to, const void* from, unsigned long long n) { memcpy(to, from, n); }
 PH_INLINE void prefetch(const void*) {}  // other threads work meanwhile
+PH_INLINE unsigned long long ticks() { return static_cast<unsigned long long>(clock64()); }
 [[noreturn]] PH_INLINE void unreachable() { __builtin_unreachable(); }
 }  // namespace parhelion::compiler
 
@@ -45,6 +46,18 @@ PH_INLINE void copy(void* to, const void* from, unsigned long long n) {
   __builtin_memcpy(to, from, n);
 }
 PH_INLINE void prefetch(const void* p) { __builtin_prefetch(p); }
+// A clock that takes some nanoseconds to read, of any unit; always 0 where there is none.
+PH_INLINE unsigned long long ticks() {
+#if defined(__x86_64__) || defined(__i386__)
+  return __builtin_ia32_rdtsc();
+#elif defined(__aarch64__)
+  unsigned long long now;
+  asm volatile("mrs %0, cntvct_el0" : "=r"(now));
+  return now;
+#else
+  return 0;
+#endif
+}
 [[noreturn]] PH_INLINE void unreachable() { __builtin_unreachable(); }
 }  // namespace parhelion::compiler
 

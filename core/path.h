@@ -136,7 +136,7 @@ PH_INLINE bool gets_past(const SceneView& scene, Ray ray, float distance, Slot t
   for (u32 i = 0; i < kMaxHoles; ++i) {
     ++stats.rays;
     Hit hit;
-    if (!intersect(scene, ray, left, tree, hit)) return true;
+    if (!timed(stats, [&] { return intersect(scene, ray, left, tree, hit); })) return true;
     const Surface s = surface_at(scene, ray, hit);
     if (hit.slot.leaf == target.leaf && hit.slot.lane == target.lane &&
         hit.slot.instance == target.instance && there(s)) {
@@ -157,7 +157,8 @@ PH_INLINE Vec3 transmittance(const SceneView& scene, const Ray& ray, float dista
   Vec3 through = {1, 1, 1};
   if (!scene.has_holes) {
     ++stats.rays;
-    return occluded(scene, ray, distance, light, tree) ? kNothing : through;
+    const bool hidden = timed(stats, [&] { return occluded(scene, ray, distance, light, tree); });
+    return hidden ? kNothing : through;
   }
   const auto any_side = [](const Surface&) { return true; };
   const bool arrives = gets_past(

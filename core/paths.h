@@ -6,8 +6,12 @@
 
 namespace parhelion {
 
+// Of calls that walk a tree one in so many is timed; a prime, as they come in turns.
+inline constexpr u64 kTimedWalks = 61;
+
 struct PathStats {
-  u64 rays;
+  u64 rays = 0;
+  u64 walks = 0, timed_ticks = 0;  // such calls, and what those that are timed take together
 };
 
 // What the first surface of a path looks like, and the parts of its radiance. Normalised units.
@@ -22,6 +26,22 @@ struct Features {
 }  // namespace parhelion
 
 namespace parhelion::PH_ISA {
+
+// Calls `walk`, which walks a tree.
+template <class F>
+PH_INLINE auto timed(PathStats& stats, F&& walk) {
+  struct Timer {
+    PathStats& stats;
+    const bool on;
+    const u64 start;
+    PH_INLINE ~Timer() {
+      if (on) stats.timed_ticks += compiler::ticks() - start;
+    }
+  };
+  const bool on = ++stats.walks % kTimedWalks == 0;
+  const Timer timer = {stats, on, on ? compiler::ticks() : 0};
+  return walk();
+}
 
 // Where paths stand: the light gathered so far, and the ray that goes on.
 struct Paths {

@@ -80,7 +80,7 @@ void render_region(const SceneView& scene, const RenderView& view, const Region&
 }
 
 Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample) {
-  PathStats stats = {0};
+  PathStats stats;
   return radiance(scene, view, x, y, sample, stats);
 }
 

@@ -149,6 +149,7 @@ struct Pass {
   std::mutex mutex;
   std::condition_variable ended;
   int ended_threads = 0;
+  double traversal_seconds = 0.0;
 
   explicit Pass(const Tick& t) : tick(t) {}
 
@@ -161,10 +162,11 @@ struct Pass {
     next = Clock::now() + kTickInterval;
   }
 
-  // A thread that has no tile left. Thread 0 goes on ticking until all are here: the others may
-  // have much to do yet, and must still be stoppable.
-  void end(bool first_thread, int threads) {
+  // A thread that has no tile left, and what it took to walk trees. Thread 0 goes on ticking until
+  // all are here: the others may have much to do yet, and must still be stoppable.
+  void end(bool first_thread, int threads, double traversal) {
     std::unique_lock<std::mutex> lock(mutex);
+    traversal_seconds += traversal;
     if (++ended_threads == threads) ended.notify_one();
     while (first_thread && ended_threads < threads) {
       if (ended.wait_for(lock, kTickInterval, [&] { return ended_threads == threads; })) return;
@@ -173,6 +175,21 @@ struct Pass {
       lock.lock();
     }
   }
+};
+
+// Seconds by the ticks of the kernels' clock, from when it was made on.
+class TickClock {
+ public:
+  double seconds(u64 ticks) const {
+    const u64 passed = compiler::ticks() - ticks_;
+    const std::chrono::duration<double> since = Clock::now() - start_;
+    return passed == 0 ? 0.0
+                       : since.count() * (static_cast<double>(ticks) / static_cast<double>(passed));
+  }
+
+ private:
+  const u64 ticks_ = compiler::ticks();
+  const Clock::time_point start_ = Clock::now();
 };
 
 // A run of a row's pixels that have as many samples and shall have as many.
@@ -323,6 +340,8 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, std::span<con
 #pragma omp parallel num_threads(options.threads)
   {
     const bool first_thread = omp_get_thread_num() == 0;
+    const TickClock clock;
+    PathStats stats;
 #pragma omp for schedule(runtime) nowait
     for (i64 tile = 0; tile < tiles; ++tile) {
       const auto end = std::upper_bound(ends.begin(), ends.end(), tile);
@@ -332,7 +351,7 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, std::span<con
       const i64 within = tile - (*end - tiling.count());
       const u32 x = static_cast<u32>(within % tiling.across) * tiling.edge;
       const u32 y = static_cast<u32>(within / tiling.across) * tiling.edge;
-      PathStats stats = {0};
+      stats.rays = 0;
       const u64 done = tiling.regions
                            ? render_region(job, job.part.film.x - tiling.x0 + x,
                                            job.part.film.y - tiling.y0 + y, first_thread, stats)
@@ -340,9 +359,10 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, std::span<con
       pass.samples.fetch_add(done, std::memory_order_relaxed);
       pass.rays.fetch_add(stats.rays, std::memory_order_relaxed);
     }
-    pass.end(first_thread, omp_get_num_threads());  // which may be fewer than were asked for
+    const double traversal = clock.seconds(stats.timed_ticks * kTimedWalks);
+    pass.end(first_thread, omp_get_num_threads(), traversal);  // maybe fewer than were asked for
   }
-  return {pass.samples.load(), pass.rays.load(), !pass.stop.load()};
+  return {pass.samples.load(), pass.rays.load(), pass.traversal_seconds, !pass.stop.load()};
 }
 
 void release_threads() { omp_pause_resource_all(omp_pause_hard); }

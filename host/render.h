@@ -74,7 +74,8 @@ struct RenderOptions {
 
 struct PassResult {
   u64 samples = 0, rays = 0;
-  bool complete = true;  // false if `tick` stopped it
+  double traversal_seconds = 0.0;  // of all threads, to walk trees; estimated, see kTimedWalks
+  bool complete = true;            // false if `tick` stopped it
 };
 
 // How many samples each cell of a film is to have, or each pixel, row by row.

@@ -166,7 +166,7 @@ class Recorder {
 TracedPath trace_pixel(const Scene& scene, const RenderView& view, u32 x, u32 y, u32 sample) {
   TracedPath path{};
   Recorder recorder(scene.view(), view, path);
-  PathStats stats = {0};
+  PathStats stats;
   const auto watch = [&](Step step, const Wave& wave, const Vertices* vertices, u32 /*lane*/,
                          Fate fate, bool lit = false) {
     recorder.look(step, wave.paths, vertices, fate, lit);

@@ -19,11 +19,12 @@ if not (REPOSITORY / "bench").is_dir():
     pytest.skip("bench/ is not part of a source distribution", allow_module_level=True)
 sys.path.insert(0, str(REPOSITORY))
 
-from bench import charts, instructions  # noqa: E402
+from bench import charts, instructions, memory, trees  # noqa: E402
 from bench.compare import compare, verdict  # noqa: E402
 from bench.equal import seconds_at  # noqa: E402
 from bench.gallery import SCENES  # noqa: E402
-from bench.measure import alternate  # noqa: E402
+from bench.measure import Notes, Plan, alternate  # noqa: E402
+from bench.rays import write  # noqa: E402
 from bench.renderers import luxcore  # noqa: E402
 from bench.scenes import GALLERY, BenchError, read_weekend  # noqa: E402
 from bench.summary import Row, ratios, spread, table  # noqa: E402
@@ -270,6 +271,39 @@ def test_threads_by_clock_and_processor(tmp_path: Path):
     both, one = (rows["threads, cloud-1e4, clock", n]["runs"][0] for n in ("2 threads", "1 thread"))
     assert rows["threads, cloud-1e4, clock", "1 thread"]["ratios"] == [one / both]
     assert rows["threads, cloud-1e4, processor", "1 thread"]["least_ratio"] == 0.97
+
+
+def test_overhead_is_the_whole_over_traversal(tmp_path: Path):
+    output = tmp_path / "b.json"
+    done = command(
+        *("-m", "bench", "--only", "overhead", "--scenes", "cloud-1e4", "--rounds", 1),
+        *("--width", 128, "--height", 72, "--spp", 8, "-o", output),
+    )
+    assert done.returncode == 0, done.stderr
+    walks, whole = json.loads(output.read_text())["rows"]
+    assert whole["ratios"] == [whole["runs"][0] / walks["runs"][0]]
+    assert whole["most_ratio"] == 1.6
+    assert 1.0 < whole["ratios"][0] < 20.0
+
+
+def test_trees_on_all_threads_and_what_they_cost(tmp_path: Path):
+    path = tmp_path / "rays.npz"
+    write(path, "spheres", 1000)
+    rows = {row.name: row for row in trees._measured(Plan(path, rounds=1), Notes(), path, "few")}
+    assert rows["parhelion"].runs[0] > 0
+    # a line through the box meets the root, and of a thousand spheres' leaves at least a few
+    assert rows["nodes that a line meets"].runs[0] > 1
+    assert 1 < rows["leaves that a line meets"].runs[0] < 1000 / 16
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells what a process holds")
+def test_memory_that_scenes_leave(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+    monkeypatch.setattr(memory, "SCENES", 12)
+    monkeypatch.setattr(memory, "FIRST", 2)
+    held = iter([5_000, 9_000])
+    monkeypatch.setattr(memory, "status_bytes", lambda _field: next(held))
+    memory.child()
+    assert capsys.readouterr().out == "4000\n"
 
 
 @pytest.mark.parametrize("ball", [luxcore._ball(3), luxcore._ball_towards(np.array([1, 9, 2.0]))])

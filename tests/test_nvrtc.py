@@ -22,7 +22,7 @@ extern "C" __global__ void render(const SceneView* scene, const RenderView* view
   const unsigned x = blockIdx.x * blockDim.x + threadIdx.x;
   const unsigned y = blockIdx.y * blockDim.y + threadIdx.y;
   if (x >= width || y >= height) return;
-  PathStats stats = {0};
+  PathStats stats;
   for (unsigned s = first; s < last; ++s) {
     PH_ISA::add(film[y * width + x], PH_ISA::radiance(*scene, *view, x, y, s, stats));
   }

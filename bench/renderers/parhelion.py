@@ -38,6 +38,7 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
     build_cpu_seconds = time.process_time() - start
 
     def render(request: dict[str, Any]) -> dict[str, Any]:
+        traversal = _core.traversal_seconds()
         with Clock() as clock:
             image = ph.render(
                 prepared,
@@ -52,7 +53,11 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
             )
         if request["save"]:
             np.save(request["save"], image.numpy())
-        return clock.times() | {"seconds": image.stats.seconds, "rays": image.stats.rays}
+        return clock.times() | {
+            "seconds": image.stats.seconds,
+            "rays": image.stats.rays,
+            "traversal_seconds": _core.traversal_seconds() - traversal,
+        }
 
     library = hashlib.sha256(Path(_core.__file__).read_bytes()).hexdigest()
     return {

@@ -45,6 +45,8 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
 
     def answer(request: dict[str, Any]) -> dict[str, Any]:
         kind = request["rays"]
+        if kind == "cost":
+            return {"visits": program.cost()}
         if kind in builds:
             start = time.perf_counter()  # of whatever threads there are
             builds[kind]()(*few, False)
@@ -71,6 +73,10 @@ class _Ours:
     def scene(self) -> Query:
         """From arrays, as a user makes it."""
         return self._query(ph.prepare(self._described()).core)
+
+    def cost(self) -> tuple[float, float]:
+        """Nodes and leaves that a line through the tree meets."""
+        return _core.Scene(self.flat.parts, None).tree_cost()
 
     def _described(self) -> ph.Scene:
         if "faces" in self.arrays:

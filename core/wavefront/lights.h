@@ -202,9 +202,12 @@ inline void receive(const SceneView& scene, const RenderView& view, u32 transmit
     });
   } else {
     stats.rays += compiler::ones(lanes);
-    arriving = lanes & ~occluded_each(
-                           scene, v.to_light, lanes, ray_at, v.light_distance,
-                           [&](u32 k) { return v.light_slot[k]; }, view.tree);
+    const u32 hidden = timed(stats, [&] {
+      return occluded_each(
+          scene, v.to_light, lanes, ray_at, v.light_distance,
+          [&](u32 k) { return v.light_slot[k]; }, view.tree);
+    });
+    arriving = lanes & ~hidden;
   }
   if (arriving == 0) return;
   Rows<Vec3, kBatch> received;

@@ -77,12 +77,14 @@ template <class Watch = Unwatched>
 inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, bool close,
                   PathStats& stats, const Watch& watch = {}) {
   Paths& p = wave.paths;
-  if (close && view.tree) {
-    intersect_close(scene, p.origin, p.direction, wave.alive, p.t, p.slot);
-  } else {
-    const auto ray_at = [&](u32 k) { return p.ray(k); };
-    intersect_each(scene, p.direction, wave.alive, ray_at, view.tree, p.t, p.slot);
-  }
+  timed(stats, [&] {
+    if (close && view.tree) {
+      intersect_close(scene, p.origin, p.direction, wave.alive, p.t, p.slot);
+    } else {
+      const auto ray_at = [&](u32 k) { return p.ray(k); };
+      intersect_each(scene, p.direction, wave.alive, ray_at, view.tree, p.t, p.slot);
+    }
+  });
   stats.rays += compiler::ones(wave.alive);
   const u32 left = equal(kNone, p.slot.leaf) & wave.alive;
   if (left != 0) add_backgrounds(scene, view, left, p);

@@ -251,9 +251,12 @@ PH_INLINE u32 open_ways(const SceneView& scene, const RenderView& view, const Pa
   if (!scene.has_holes) {
     const u32 others = open & ~own;
     stats.rays += compiler::ones(others);
-    return open & ~occluded_each(
-                      scene, ways.direction, others, ray_at, ways.distance,
-                      [&](u32) { return g.end_slot[j]; }, view.tree);
+    const u32 hidden = timed(stats, [&] {
+      return occluded_each(
+          scene, ways.direction, others, ray_at, ways.distance, [&](u32) { return g.end_slot[j]; },
+          view.tree);
+    });
+    return open & ~hidden;
   }
   const auto pass = [&](u32 i) {
     ways.density[i] *= openness(scene, ray_at(i), ways.distance[i], g.end_slot[j],

@@ -28,6 +28,7 @@
 #include "../../host/render.h"
 #include "../../host/samples.h"
 #include "../../host/scene.h"
+#include "../../host/tree_cost.h"
 #include "../../host/view.h"
 #include "../../host/wake_apart.h"
 #include "check.h"
@@ -244,6 +245,58 @@ void pictures_do_not_depend_on_how_they_are_made(bool reuse_paths) {
   }
 }
 
+// Lines that meet a tree's box, all equally likely, and the boxes within that they meet.
+void trees_cost_what_lines_meet() {
+  using namespace baseline;
+  const Cloud cloud(3000);
+  ShapeInput spheres = cloud.group();
+  --spheres.count;  // without the ground
+  const Scene scene(input_of({spheres}, Cloud::materials()));
+  const SceneView view = scene.view();
+  Node whole = view.nodes[view.root];  // the box around all of the root's
+  for (u32 k = 0; k < 3; ++k) {
+    whole.low[k][0] = *std::min_element(whole.low[k], whole.low[k] + 16);
+    whole.high[k][0] = *std::max_element(whole.high[k], whole.high[k] + 16);
+  }
+  const auto corner = [&](const float (&of)[3][16]) { return Vec3{of[0][0], of[1][0], of[2][0]}; };
+  const Vec3 middle = (corner(whole.low) + corner(whole.high)) * 0.5f;
+  const float radius = length(corner(whole.high) - middle);
+  std::mt19937 random(1);
+  std::normal_distribution<float> normal;
+  const auto on_ball = [&] {
+    const Vec3 v = {normal(random), normal(random), normal(random)};
+    return middle + normalize(v) * radius;
+  };
+  u64 lines = 0, nodes = 0, leaves = 0;
+  for (u32 i = 0; i < 40'000; ++i) {
+    // Through two points at random on a ball, which makes no line likelier than another.
+    const Vec3 from = on_ball();
+    const Slabs slabs = slabs_of(from, on_ball() - from);
+    const auto met = [&](const Node& node) {
+      Lanes near;
+      return test_boxes(node, slabs, kInfinity, near);
+    };
+    if ((met(whole) & 1u) == 0) continue;
+    ++lines;
+    std::vector<Child> left = {view.root};
+    while (!left.empty()) {
+      const Child child = left.back();
+      left.pop_back();
+      ++((child & kLeafBit) != 0 ? leaves : nodes);
+      if ((child & kLeafBit) != 0) continue;
+      const Node& node = view.nodes[child];
+      for_each_bit(met(node), [&](u32 k) { left.push_back(node.child[k]); });
+    }
+  }
+  const TreeCost cost = tree_cost(view);
+  const auto close = [&](u64 counted, double expected) {
+    return std::abs(static_cast<double>(counted) / static_cast<double>(lines) / expected - 1.0) <
+           0.02;
+  };
+  CHECK(lines > 10'000 && close(nodes, cost.nodes) && close(leaves, cost.leaves));
+  CHECK(tree_cost(Scene(input_of({}, {})).view()).nodes == 0.0);
+}
+
 // What is rendered in batches, which end in the middle of rows and pixels, is the sum of samples
 // that are rendered by themselves; of pixels outside of what is asked for nothing changes.
 void batches_are_their_samples() {
@@ -254,7 +307,7 @@ void batches_are_their_samples() {
     const Kernels& k = kernels(isa);
     for (u32 last : {2u, 3u, 9u, 35u}) {
       std::vector<FilmPixel> row(13);
-      PathStats stats = {0};
+      PathStats stats;
       k.render_row(scene.view(), view, 1, 2, 12, 2, last, &row[2], nullptr, stats);
       for (u32 x = 0; x < 13; ++x) {
         FilmPixel sum{};
@@ -1241,6 +1294,7 @@ int main() {
   pictures_do_not_depend_on_how_they_are_made(true);
   groups_are_of_even_rows_or_of_odd_ones();
   batches_are_their_samples();
+  trees_cost_what_lines_meet();
   samples_that_are_not_finite_are_counted_and_left_out();
   rays_meet_the_same_through_the_tree_and_without();
   rays_together_meet_what_each_meets();

@@ -1,0 +1,63 @@
+"""The group `overhead`: the time of whole pictures over what of it is traversal, one thread's.
+
+Traversal is whatever walks a tree, tests of boxes and of primitives, of the picture's own rays as
+they are traced for it. The kernels tell what it takes, by a clock that they look at for one of some
+sixty walks (`timed` in core/paths.h). The rest is everything else that is between a scene and its
+picture: finding what is met, materials, textures, lights, numbers, the film.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from .process import Worker
+from .scenes import BenchError
+from .summary import Row, ratios
+
+MOST = 1.6
+
+
+def overhead(plan: Any, notes: Any) -> list[Row]:
+    """Seconds of each scene's picture, and of traversal."""
+    rows = []
+    for name in plan.scenes:
+        print(f"measuring: {name}", file=sys.stderr)
+        try:
+            rows += _scene(plan, notes, name)
+        except BenchError as problem:
+            notes.add(f"overhead, {name}: not measured: {problem}")
+    return rows
+
+
+def _scene(plan: Any, notes: Any, name: str) -> list[Row]:
+    from .gallery import load
+
+    pixels = plan.width * plan.height // 4  # one thread has to do them all
+    s = load(name, pixels).settings
+    job = {"scene": name, "pixels": pixels, "threads": 1}
+    job |= {"width": s.width, "height": s.height, "depth": s.max_depth}
+    worker = Worker("parhelion", job)
+    try:
+        worker.render(1)
+        answers = [worker.render(plan.spp) for _ in range(min(plan.rounds, 3))]
+    finally:
+        worker.close()
+    notes.versions["parhelion"] = worker.known
+    whole = [a["seconds"] for a in answers]
+    walks = [a["traversal_seconds"] for a in answers]
+    if min(walks) == 0.0:
+        raise BenchError("the kernels have no clock on this machine")
+    group = f"overhead, {name}"
+    return [
+        Row(group, "traversal", "s", walks),
+        Row(
+            group,
+            "whole",
+            "s",
+            whole,
+            against="traversal",
+            ratios=ratios(whole, walks),
+            most_ratio=MOST,
+        ),
+    ]

@@ -1,0 +1,60 @@
+"""The group `trees`: how long trees take on all threads, ours beside Embree's, and how good ours
+are.
+
+As in the group `rays`, where it is one core: from arrays to the first ray, and until the tree is
+gone. Both rest before each, since threads go on spinning for a while after their work.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from .process import Worker, in_turn
+from .rays import PROGRAMS, loads
+from .scenes import BenchError
+from .summary import Row, ratios
+
+REST = 0.05  # seconds
+OURS = PROGRAMS[0]
+
+
+def trees(plan: Any, notes: Any) -> list[Row]:
+    """Seconds a tree by program, and what a line through ours is expected to visit."""
+    return [
+        row for path, what, _ in loads(plan, notes) for row in _measured(plan, notes, path, what)
+    ]
+
+
+def _measured(plan: Any, notes: Any, path: Path, what: str) -> list[Row]:
+    with ExitStack() as stack:
+        workers = {}
+        for name in PROGRAMS:
+            job = {"program": name, "file": str(path), "threads": plan.threads}
+            try:
+                workers[name] = Worker("rays", job)
+            except BenchError as problem:
+                if name == OURS:
+                    raise
+                notes.add(f"{name} was not measured with {what}: {problem}")
+                continue
+            stack.callback(workers[name].close)
+            notes.versions[name] = workers[name].known
+        seconds: dict[str, list[float]] = {name: [] for name in workers}
+        for turn in range(plan.rounds + 1):
+            for name, worker in in_turn(workers.items(), turn):
+                time.sleep(REST)
+                answer = worker.ask({"rays": "tree"})
+                if turn:  # the first is not counted: pages are touched
+                    seconds[name].append(answer["seconds"])
+        nodes, leaves = workers[OURS].ask({"rays": "cost"})["visits"]
+    group = f"trees, {what}"
+    rows = [Row(group, OURS, "s", seconds.pop(OURS))]
+    for name, runs in seconds.items():
+        pairs = ratios(runs, rows[0].runs)
+        rows.append(Row(group, name, "s", runs, against=OURS, ratios=pairs, least_ratio=1.0))
+    rows.append(Row(group, "nodes that a line meets", "", [nodes]))
+    rows.append(Row(group, "leaves that a line meets", "", [leaves]))
+    return rows
