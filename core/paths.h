@@ -85,14 +85,22 @@ struct Paths {
     if (has != 0) copy_lane(highlight, k, from, lane);
   }
 
-  // Takes paths that others have at some lanes and that have just begun. Without bodies no account
-  // of media ever holds anything.
+  // Calls f(member, value) for what all paths begin with, whatever their camera.
+  template <class F>
+  PH_INLINE static void for_each_beginning(F&& f) {
+    f(&Paths::self, kNoSlot), f(&Paths::inward, 0u);
+    f(&Paths::sum, Vec3{0, 0, 0}), f(&Paths::throughput, Vec3{1, 1, 1});
+    f(&Paths::scatter_pdf, 0.0f), f(&Paths::eta_scale, 1.0f);
+    f(&Paths::depth, 1u), f(&Paths::channel, kNone), f(&Paths::holes, 0u);
+  }
+
+  // Takes paths that others have at some lanes and that have just begun and met something. Without
+  // bodies no account of media ever holds anything.
   PH_APART void take(const LaneMoves& moves, const Paths& from, bool bodies) {
+    for_each_beginning([&](auto row, auto value) { fill_lanes(this->*row, value, moves); });
     const auto take_rows = [&](auto... row) { (move_lanes(this->*row, from.*row, moves), ...); };
-    take_rows(&Paths::origin, &Paths::direction, &Paths::self, &Paths::inward, &Paths::slot,
-              &Paths::t, &Paths::sum, &Paths::throughput, &Paths::receiver, &Paths::scatter_pdf,
-              &Paths::eta_scale, &Paths::width, &Paths::spread, &Paths::travelled, &Paths::depth,
-              &Paths::channel, &Paths::holes, &Paths::tag);
+    take_rows(&Paths::origin, &Paths::direction, &Paths::slot, &Paths::t, &Paths::width,
+              &Paths::spread, &Paths::travelled, &Paths::tag);
     samplers.kind = from.samplers.kind;
     move_lanes(samplers.reversed_index, from.samplers.reversed_index, moves);
     move_lanes(samplers.key, from.samplers.key, moves);

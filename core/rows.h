@@ -54,6 +54,34 @@ PH_INLINE void move_lanes(T (&to)[kCount], const T (&from)[kCount], const LaneMo
   move(to, from, m);
 }
 
+// One value to lanes of rows, or of an array, that others are moved to.
+template <class T, u32 kCount>
+PH_INLINE void fill_lanes(Rows<T, kCount>& to, const T& value, const LaneMoves& m) {
+  const float* number = reinterpret_cast<const float*>(&value);
+  for (u32 r = 0; r < Rows<T, kCount>::kNumbers; ++r) fill(to.row[r], number[r], m);
+}
+template <u32 kCount>
+PH_INLINE void fill_lanes(SlotRows<kCount>& to, const Slot& value, const LaneMoves& m) {
+  fill(to.leaf, value.leaf, m), fill(to.lane, value.lane, m), fill(to.instance, value.instance, m);
+}
+template <class T, u32 kCount>
+PH_INLINE void fill_lanes(T (&to)[kCount], T value, const LaneMoves& m) {
+  fill(to, value, m);
+}
+// And to all lanes.
+template <class T, u32 kCount>
+PH_INLINE void fill_lanes(Rows<T, kCount>& to, const T& value) {
+  for (u32 k = 0; k < kCount; ++k) to.set(k, value);
+}
+template <u32 kCount>
+PH_INLINE void fill_lanes(SlotRows<kCount>& to, const Slot& value) {
+  for (u32 k = 0; k < kCount; ++k) to.set(k, value);
+}
+template <class T, u32 kCount>
+PH_INLINE void fill_lanes(T (&to)[kCount], T value) {
+  for (T& lane : to) lane = value;
+}
+
 // One lane of rows from another's.
 template <class T, u32 kCount>
 PH_INLINE void copy_lane(Rows<T, kCount>& to, u32 k, const Rows<T, kCount>& from, u32 lane) {

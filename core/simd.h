@@ -385,6 +385,18 @@ PH_INLINE void move(T (&to)[16], const T (&from)[16], const LaneMoves& m) {
 #endif
 }
 
+// One number to all lanes that are moved to.
+template <class T>
+PH_INLINE void fill(T (&to)[16], T value, const LaneMoves& m) {
+  static_assert(sizeof(T) == 4);
+#if defined(__AVX512F__)
+  _mm512_mask_storeu_epi32(to, static_cast<__mmask16>(m.to),
+                           _mm512_set1_epi32(__builtin_bit_cast(int, value)));
+#else
+  for (u32 i = 0; i < m.count; ++i) to[m.pair[i][0]] = value;
+#endif
+}
+
 // Index of the lowest set bit; the argument is not 0.
 PH_INLINE u32 lowest_bit(u32 m) { return compiler::trailing_zeros(m); }
 

@@ -65,7 +65,8 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
     });
   }
   u32 mirrored = 0;
-  const u32 on = scatter(scene, view, kinds, scattering, draws, v, p, mirrored);
+  const u32 on =
+      scatter(scene, view, kinds, scattering, wave.alive & ~scattering, draws, v, p, mirrored);
   if (wave.groups) divide_light(wave, kinds, v, joining, mirrored);
   for_each_bit(scattering, [&](u32 k) {
     watch(Step::scatters, wave, &v, k, (on >> k & 1u) != 0 ? Fate::passes : Fate::ends);

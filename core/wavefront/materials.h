@@ -48,8 +48,14 @@ PH_APART inline void find_frames(const Rows<Vec3, kBatch>& __restrict n,
     f.z *= side;
     v.frame.set(k, f);
     v.local_wo.set(k, to_local(f, wo));
-    const Vec3 facing = normal * (behind ? -1.0f : 1.0f);
-    const Vec3 none = {0, 0, 0};
+  }
+}
+
+// As lights see the surfaces.
+PH_APART inline void find_receivers(const u32 (&__restrict opaque)[kBatch],
+                                    Vertices& __restrict v) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Vec3 facing = v.normal.at(k) * (v.front[k] == 0 ? -1.0f : 1.0f), none = {0, 0, 0};
     v.receiver.set(k, Receiver{v.point.at(k), select(opaque[k] != 0, facing, none)});
   }
 }
@@ -103,6 +109,7 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
   if (v.glossy != 0) v.highlight = {};
   v.glossy = 0;
   find_frames(n, opaque, p, v);
+  if (asks_for_light(scene)) find_receivers(opaque, v);
   for_each_bit(turned, [&](u32 k) {
     const float side = opaque[k] != 0 && v.front[k] == 0 ? -1.0f : 1.0f;
     const Frame f = frame_along(v.frame.at(k).z * side, along[k]);

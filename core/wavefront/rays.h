@@ -37,6 +37,7 @@ inline void begin(const SceneView& scene, const RenderView& view, const CameraBa
                   u32 n, Wave& wave, PathStats& stats) {
   Paths& p = wave.paths;
   p.samplers.kind = batch.samplers.kind;
+  Paths::for_each_beginning([&](auto row, auto value) { fill_lanes(p.*row, value); });
   for (u32 k = 0; k < kCount; ++k) {
     p.samplers.key[k] = batch.samplers.key[k];
     p.samplers.reversed_index[k] = batch.samplers.reversed_index[k];
@@ -44,22 +45,13 @@ inline void begin(const SceneView& scene, const RenderView& view, const CameraBa
     const Vec3 direction = {batch.direction[0][k], batch.direction[1][k], batch.direction[2][k]};
     p.origin.set(k, origin);
     p.direction.set(k, direction);
-    p.sum.set(k, Vec3{0, 0, 0});
-    p.throughput.set(k, Vec3{1, 1, 1});
-    p.scatter_pdf[k] = 0.0f;
-    p.eta_scale[k] = 1.0f;
     p.travelled[k] = batch.sight[k] == Sight::scene ? batch.start[k] : 0.0f;
     p.spread[k] = view.camera.cone.spread;
     p.width[k] = view.camera.cone.width + view.camera.cone.spread * p.travelled[k];
-    p.depth[k] = 1;
-    p.channel[k] = kNone;
-    p.holes[k] = 0;
-    p.inward[k] = 0;
   }
   u32 passing = 0;
   wave.alive = 0;
   for (u32 k = 0; k < n; ++k) {
-    p.self.set(k, kNoSlot);
     p.media[k].count = 0;
     if (view.media.count != 0) p.media[k] = view.media;
     if (wave.features) wave.features[k] = {0, {}, {}, {}, {}, {}, {}, {}, kNone, kNone};

@@ -117,7 +117,9 @@ PH_APART inline void keep_these(const u32 (&__restrict these)[kBatch],
   }
 }
 
-// Sends on the paths that `these` says, and says of which that is the end.
+// Sends on the paths that `these` says, and says of which that is the end. kOthers: others go on
+// from where they are; without, whatever is not sent on has ended, and may be written over.
+template <bool kOthers>
 PH_APART inline void send_on(const u32 (&__restrict these)[kBatch], const Sampled& __restrict next,
                              const BounceDraws& __restrict draws, const Vertices& __restrict v,
                              u32 unasked, u32 roulette_from, u32 (&__restrict goes)[kBatch],
@@ -144,35 +146,47 @@ PH_APART inline void send_on(const u32 (&__restrict these)[kBatch], const Sample
     const bool on = fits & !(survival <= 0.0f) & (chance - draws.roulette[k] > 0.0f);
     const Vec3 kept = throughput * (1.0f / chance);
 
-    const bool behind = dot(wi, normal) < 0.0f;
-    p.origin.set(k, select(on, ray_origin(point, normal, v.error[k], behind), p.origin.at(k)));
-    p.direction.set(k, select(on, wi, direction));
-    p.self.leaf[k] = on ? p.slot.leaf[k] : p.self.leaf[k];
-    p.self.lane[k] = on ? p.slot.lane[k] : p.self.lane[k];
-    p.self.instance[k] = on ? p.slot.instance[k] : p.self.instance[k];
-    p.inward[k] = on ? (behind ? 1u : 0u) ^ v.inside_out[k] : p.inward[k];
+    const bool behind = dot(wi, normal) < 0.0f, moved = on | !kOthers;
+    p.origin.set(k, select(moved, ray_origin(point, normal, v.error[k], behind), p.origin.at(k)));
+    p.direction.set(k, select(moved, wi, direction));
+    p.self.leaf[k] = moved ? p.slot.leaf[k] : p.self.leaf[k];
+    p.self.lane[k] = moved ? p.slot.lane[k] : p.self.lane[k];
+    p.self.instance[k] = moved ? p.slot.instance[k] : p.self.instance[k];
+    p.inward[k] = moved ? (behind ? 1u : 0u) ^ v.inside_out[k] : p.inward[k];
+    p.scatter_pdf[k] = moved ? ((next.delta[k] | unasked) != 0 ? 0.0f : pdf) : p.scatter_pdf[k];
     p.throughput.set(k, select(on, kept, select(fits, throughput, before)));
     p.eta_scale[k] = fits ? eta_scale : p.eta_scale[k];
-    p.scatter_pdf[k] = fits ? ((next.delta[k] | unasked) != 0 ? 0.0f : pdf) : p.scatter_pdf[k];
     p.spread[k] = (fits & !delta) ? wide : p.spread[k];
-    const Receiver to = v.receiver.at(k), from = p.receiver.at(k);
-    p.receiver.set(k,
-                   Receiver{select(on, to.point, from.point), select(on, to.normal, from.normal)});
     p.depth[k] += on ? 1u : 0u;
     goes[k] = on ? 1 : 0;
   }
 }
 
-// Scatters the paths of `lanes`; returns those that go on, and in `mirrored` those of them that no
-// density tells the way of.
+// Remembers of paths that go on which surface they come from: lights ask for it.
+PH_APART inline void leave_receivers(const u32 (&__restrict goes)[kBatch],
+                                     const Vertices& __restrict v, Paths& __restrict p) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Receiver to = v.receiver.at(k), from = p.receiver.at(k);
+    const bool on = goes[k] != 0;
+    p.receiver.set(k,
+                   Receiver{select(on, to.point, from.point), select(on, to.normal, from.normal)});
+  }
+}
+
+// Scatters the paths of `lanes`, beside which others may go on; returns those of them that do, and
+// in `mirrored` those that no density tells the way of.
 inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& kinds, u32 lanes,
-                   const BounceDraws& draws, const Vertices& v, Paths& p, u32& mirrored) {
+                   u32 others, const BounceDraws& draws, const Vertices& v, Paths& p,
+                   u32& mirrored) {
   Sampled next = {};
+  u32 sampled = 0;  // lanes of it that are set
   for_each_kind(kinds, [&]<class Material>(u32 own) {
     plain_and_others<Material>(
         kinds, own,
         [&]<class Form>(u32 plain, const auto& these) {
-          Sampled all;
+          // The first may write to all lanes.
+          Sampled apart;
+          Sampled& all = sampled == 0 ? next : apart;
           PickedLobes picked;
           if constexpr (HasTwoLobes<Form>) pick_lobes<Form>(v, draws, picked);
           if constexpr (NeedsTables<Form>) {
@@ -185,7 +199,8 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
           } else {
             sample_plain<Form>(v, draws, all);
           }
-          keep_these(these, all, next);
+          if (sampled != 0) keep_these(these, apart, next);
+          sampled |= plain;
         },
         [&](u32 k) {
           BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
@@ -201,12 +216,15 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
             there = sample(material, wo, u, s);
           }
           next.set(k, s, there);
+          sampled |= 1u << k;
         });
   });
   u32 these[kBatch], goes[kBatch];
   spread(lanes, these);
-  send_on(these, next, draws, v, asks_for_light(scene) ? 0 : 1,
-          view.roulette ? kRouletteStart : kNone, goes, p);
+  const bool lit = asks_for_light(scene);
+  (others != 0 ? send_on<true> : send_on<false>)(these, next, draws, v, lit ? 0 : 1,
+                                                 view.roulette ? kRouletteStart : kNone, goes, p);
+  if (lit) leave_receivers(goes, v, p);
   const u32 on = having(1, goes, lanes);
   mirrored = having(1, next.delta, on);
   if ((v.glossy | p.glossy) != 0) {
