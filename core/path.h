@@ -96,11 +96,12 @@ PH_INLINE Vec3 bent_normal(Vec3 n, Vec3 normal, Vec3 wo) {
   const Vec3 lifted = normalize(mirrored + outside * (least - height));
   return select(height < least, normalize(wo + lifted) * side, n);
 }
-// Whether that leaves it as it is; n and outside on the side of wo.
-PH_INLINE bool stays_unbent(Vec3 n, Vec3 outside, Vec3 wo) {
-  const float cosine = dot(wo, n), seen = dot(wo, outside);
-  const float height = 2.0f * cosine * dot(n, outside) - seen;
-  return (cosine >= kLeastSeen) & (height >= min(kLeastSeen, 0.9f * seen));
+// Whether that is another; if not, it is the same to the last bit.
+PH_INLINE bool is_bent(Vec3 n, Vec3 normal, Vec3 wo) {
+  const float side = copysign(1.0f, dot(wo, normal));
+  const Vec3 outside = normal * side, mirrored = n * (2.0f * dot(wo, n)) - wo;
+  const float least = min(kLeastSeen, 0.9f * dot(wo, outside));
+  return (side * dot(wo, n) < kLeastSeen) | (dot(mirrored, outside) < least);
 }
 
 // Whether light can pass; a surface that is opaque asks for light on the side that it is seen from.

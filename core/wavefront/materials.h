@@ -34,15 +34,27 @@ PH_INLINE Fate enter_material(const SceneView& scene, Paths& p, Vertices& v, u32
   return Fate::scatters;
 }
 
+// Which of some paths see a normal in n that has to be bent: few, so that frames are mostly found
+// without that.
+PH_APART inline u32 find_bent(const Rows<Vec3, kBatch>& __restrict n, u32 lanes,
+                              const Paths& __restrict paths, const Vertices& __restrict v) {
+  u32 bent[kBatch];
+  for (u32 k = 0; k < kBatch; ++k) {
+    bent[k] = is_bent(n.at(k), v.normal.at(k), -paths.direction.at(k)) ? 1 : 0;
+  }
+  return having(1, bent, lanes);
+}
+
 // The frames in which surfaces scatter, whose normal is in n. Opaque ones are the same from their
 // other side.
+template <bool kBent>
 PH_APART inline void find_frames(const Rows<Vec3, kBatch>& __restrict n,
                                  const u32 (&__restrict opaque)[kBatch],
                                  const Paths& __restrict paths, Vertices& __restrict v) {
   for (u32 k = 0; k < kBatch; ++k) {
     const Vec3 normal = v.normal.at(k), wo = -paths.direction.at(k);
     const bool behind = v.front[k] == 0;
-    Frame f = frame_around(bent_normal(n.at(k), normal, wo));
+    Frame f = frame_around(kBent ? bent_normal(n.at(k), normal, wo) : n.at(k));
     const float side = (behind & (opaque[k] != 0)) ? -1.0f : 1.0f;
     f.y *= side;
     f.z *= side;
@@ -108,7 +120,7 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
   spread(~kinds.transmitting, opaque);
   if (v.glossy != 0) v.highlight = {};
   v.glossy = 0;
-  find_frames(n, opaque, p, v);
+  (find_bent(n, lanes, p, v) != 0 ? find_frames<true> : find_frames<false>)(n, opaque, p, v);
   if (asks_for_light(scene)) find_receivers(opaque, v);
   for_each_bit(turned, [&](u32 k) {
     const float side = opaque[k] != 0 && v.front[k] == 0 ? -1.0f : 1.0f;

@@ -202,7 +202,7 @@ PH_APART inline void find_ways(PathGroup& __restrict g, u32 j, Ways& __restrict 
     const Vec3 direction = renormalize(way * (1.0f / distance));
     const float leaves = dot(direction, g.facing.at(i)), arrives = -dot(direction, end_side);
     // Where the second surface's normal would be bent it sends another light.
-    const bool same = stays_unbent(end_facing, end_side, -direction);
+    const bool same = !is_bent(end_facing, end_side, -direction);
     const bool can =
         same & (leaves > 0.0f) & (arrives > 0.0f) & (dot(direction, g.side.at(i)) > 0.0f);
     g.first.local_wi.set(i, to_local(g.first.frame.at(i), direction));
