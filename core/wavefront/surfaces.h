@@ -4,8 +4,9 @@
 
 namespace parhelion::PH_ISA {
 
-// Where rays meet primitives of one kind.
-template <class Shape>
+// Where rays meet primitives of one kind. kOthers: there are others, whose points are found
+// already.
+template <bool kOthers, class Shape>
 PH_APART inline void find_points(const Rows<Shape, kBatch>& __restrict shape, u32 lanes,
                                  const Paths& __restrict paths, Vertices& __restrict v) {
   u32 these[kBatch];
@@ -14,7 +15,7 @@ PH_APART inline void find_points(const Rows<Shape, kBatch>& __restrict shape, u3
     const Ray ray = {paths.origin.at(k), paths.direction.at(k), kNoSlot, false};
     SurfacePoint s;
     surface(shape.at(k), ray, paths.t[k], s);
-    const bool own = these[k] != 0;
+    const bool own = (these[k] != 0) | !kOthers;
     v.point.set(k, select(own, s.point, v.point.at(k)));
     v.normal.set(k, select(own, s.normal, v.normal.at(k)));
     v.parameter.row[0][k] = own ? s.parameter.x : v.parameter.row[0][k];
@@ -82,8 +83,12 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
     v.inside_out[k] = shape.inside_out;
   });
   if (others != 0) find_others(scene, paths, others, wants_uv, v);
-  if (flat != 0) find_points(v.triangle, flat, paths, v);
-  if (round != 0) find_points(v.sphere, round, paths, v);
+  const auto find = [&]<class Shape>(const Rows<Shape, kBatch>& shape, u32 own, u32 found) {
+    if (own == 0) return;
+    (found != 0 ? find_points<true, Shape> : find_points<false, Shape>)(shape, own, paths, v);
+  };
+  find(v.triangle, flat, others);
+  find(v.sphere, round, others | flat);
   face_outside(bare, v);
   for_each_bit(smooth, [&](u32 k) {  // by vertices' normals
     Vec3 normal = v.normal.at(k), shading;
