@@ -120,7 +120,8 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
   spread(~kinds.transmitting, opaque);
   if (v.glossy != 0) v.highlight = {};
   v.glossy = 0;
-  (find_bent(n, lanes, p, v) != 0 ? find_frames<true> : find_frames<false>)(n, opaque, p, v);
+  with_flag(find_bent(n, lanes, p, v) != 0,
+            [&]<bool kBent>() { find_frames<kBent>(n, opaque, p, v); });
   if (asks_for_light(scene)) find_receivers(opaque, v);
   for_each_bit(turned, [&](u32 k) {
     const float side = opaque[k] != 0 && v.front[k] == 0 ? -1.0f : 1.0f;

@@ -118,7 +118,8 @@ PH_APART inline void keep_these(const u32 (&__restrict these)[kBatch],
 }
 
 // Sends on the paths that `these` says, and says of which that is the end. kOthers: others go on
-// from where they are; without, whatever is not sent on has ended, and may be written over.
+// from where they are; without, whatever is not sent on has ended, and its ray may be written over.
+// What it carries stays, as whoever watches asks why it has ended.
 template <bool kOthers>
 PH_APART inline void send_on(const u32 (&__restrict these)[kBatch], const Sampled& __restrict next,
                              const BounceDraws& __restrict draws, const Vertices& __restrict v,
@@ -179,14 +180,14 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
                    u32 others, const BounceDraws& draws, const Vertices& v, Paths& p,
                    u32& mirrored) {
   Sampled next = {};
-  u32 sampled = 0;  // lanes of it that are set
+  bool some = false;  // are there
   for_each_kind(kinds, [&]<class Material>(u32 own) {
     plain_and_others<Material>(
         kinds, own,
         [&]<class Form>(u32 plain, const auto& these) {
           // The first may write to all lanes.
           Sampled apart;
-          Sampled& all = sampled == 0 ? next : apart;
+          Sampled& all = some ? apart : next;
           PickedLobes picked;
           if constexpr (HasTwoLobes<Form>) pick_lobes<Form>(v, draws, picked);
           if constexpr (NeedsTables<Form>) {
@@ -199,8 +200,8 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
           } else {
             sample_plain<Form>(v, draws, all);
           }
-          if (sampled != 0) keep_these(these, apart, next);
-          sampled |= plain;
+          if (some) keep_these(these, apart, next);
+          some = true;
         },
         [&](u32 k) {
           BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
@@ -216,14 +217,16 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
             there = sample(material, wo, u, s);
           }
           next.set(k, s, there);
-          sampled |= 1u << k;
+          some = true;
         });
   });
   u32 these[kBatch], goes[kBatch];
   spread(lanes, these);
   const bool lit = asks_for_light(scene);
-  (others != 0 ? send_on<true> : send_on<false>)(these, next, draws, v, lit ? 0 : 1,
-                                                 view.roulette ? kRouletteStart : kNone, goes, p);
+  with_flag(others != 0, [&]<bool kOthers>() {
+    send_on<kOthers>(these, next, draws, v, lit ? 0 : 1, view.roulette ? kRouletteStart : kNone,
+                     goes, p);
+  });
   if (lit) leave_receivers(goes, v, p);
   const u32 on = having(1, goes, lanes);
   mirrored = having(1, next.delta, on);

@@ -85,7 +85,7 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
   if (others != 0) find_others(scene, paths, others, wants_uv, v);
   const auto find = [&]<class Shape>(const Rows<Shape, kBatch>& shape, u32 own, u32 found) {
     if (own == 0) return;
-    (found != 0 ? find_points<true, Shape> : find_points<false, Shape>)(shape, own, paths, v);
+    with_flag(found != 0, [&]<bool kOthers>() { find_points<kOthers>(shape, own, paths, v); });
   };
   find(v.triangle, flat, others);
   find(v.sphere, round, others | flat);

@@ -23,6 +23,16 @@ struct Wave {
   }
 };
 
+// Calls f.operator()<flag>(), since a loop must not ask.
+template <class F>
+PH_INLINE void with_flag(bool flag, F&& f) {
+  if (flag) {
+    f.template operator()<true>();
+  } else {
+    f.template operator()<false>();
+  }
+}
+
 // Of some lanes those whose numbers have any of some bits.
 PH_INLINE u32 having(u32 bits, const u32 (&numbers)[kBatch], u32 lanes) {
   return any_of(bits, numbers) & lanes;
