@@ -46,7 +46,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--depth", type=_count, default=d.depth)
     p.add_argument("--threads", type=_count, default=d.threads)
     p.add_argument("--reference-spp", type=_count, default=d.reference_spp)
-    p.add_argument("--long", action="store_true", help="clouds of 1e7 and 1e8 spheres too")
+    p.add_argument(
+        "--long",
+        action="store_true",
+        help="clouds of 1e7 and 1e8 spheres, rays and trees of 1e7, too",
+    )
     p.add_argument(
         "--cache",
         type=Path,

@@ -1,12 +1,16 @@
-"""The group `memory`: whether a picture's memory grows with its samples, and what scenes leave."""
+"""The group `memory`: whether a picture's memory grows with its samples, and what scenes leave.
+
+Only Linux tells what a process holds, and lets it forget what it once held.
+"""
 
 from __future__ import annotations
 
 import json
+import sys
 from typing import Any
 
-from .process import Worker, run
-from .scenes import cloud
+from .process import run
+from .scenes import BenchError, cloud
 from .summary import Row, ratios
 from .worker import status_bytes
 
@@ -14,34 +18,50 @@ FEW, MANY = 16, 4096  # samples a pixel
 SCENES, FIRST = 1000, 10  # what the first leave is kept for the others
 
 
-def memory(plan: Any, notes: Any) -> list[Row]:
-    """Peak of a process by samples a pixel, and how much more is resident after many scenes."""
+def memory(plan: Any, _notes: Any) -> list[Row]:
+    """The peak while a picture is rendered, by samples a pixel, and how much more is resident after
+    many scenes.
+    """
+    if sys.platform != "linux":
+        raise BenchError("only Linux tells what a process holds")
     peaks: dict[int, list[float]] = {FEW: [], MANY: []}
     for _ in range(min(plan.rounds, 3)):
         for spp, runs in peaks.items():
-            job = plan.job(cloud=10**5, glass=False, width=64, height=36, depth=8)
-            worker = Worker("parhelion", job)
-            try:
-                runs.append(worker.render(spp)["peak_bytes"] / 1e6)
-            finally:
-                worker.close()
-            notes.versions["parhelion"] = worker.known
+            runs.append(_asked(f"peak({spp})") / 1e6)
     few, many = f"{FEW} spp", f"{MANY:,} spp"
     pairs = ratios(peaks[MANY], peaks[FEW])
-    rows = [
+    left = _asked("left()") / 1e6
+    return [
         Row("memory, peak", few, "MB", peaks[FEW]),
         Row("memory, peak", many, "MB", peaks[MANY], against=few, ratios=pairs, most_ratio=1.02),
+        Row("memory", f"{SCENES:,} scenes leave", "MB", [left], most=20.0),
     ]
-    left = json.loads(run("-c", "from bench.memory import child; child()"))
-    if left is None:
-        notes.add("what scenes leave was not measured: only Linux tells what a process holds")
-        return rows
-    return [*rows, Row("memory", f"{SCENES:,} scenes leave", "MB", [left / 1e6], most=20.0)]
 
 
-def child() -> None:
-    """Builds and renders scenes of some 1e3 to 6e4 spheres; prints how many bytes more are resident
-    after all of them than after the first few, or null where nothing tells.
+def _asked(call: str) -> int:
+    """Of a process of its own."""
+    code = f"from bench.memory import left, peak; print({call})"
+    return int(json.loads(run("-c", code)))
+
+
+def peak(spp: int) -> int:
+    """The most bytes that this process holds while it renders a cloud of 1e5 spheres. What it held
+    while it made the tree, which is more, does not count.
+    """
+    import parhelion as ph
+
+    from .gallery import cloud_scene
+
+    prepared = ph.prepare(cloud_scene(10**5))
+    with open("/proc/self/clear_refs", "w") as forget:
+        forget.write("5")  # the peak so far
+    ph.render(prepared, width=64, height=36, spp=spp, max_depth=8)
+    return _bytes("VmHWM")
+
+
+def left() -> int:
+    """How many bytes more are resident after scenes of some 1e3 to 6e4 spheres, each of which was
+    made and rendered, than after the first few.
     """
     import numpy as np
 
@@ -50,12 +70,17 @@ def child() -> None:
     rng = np.random.default_rng(2)
     camera = ph.Camera(eye=(0.5, 0.5, 3), target=(0.5, 0.5, 0.5), vfov=30)
     white = ph.Background("constant", radiance=(1.0, 1.0, 1.0))
-    first = None
+    first = 0
     for number in range(1, SCENES + 1):
         spheres = ph.Spheres(*cloud(int(rng.integers(1000, 60_000))))
         scene = ph.Scene([spheres], camera=camera, background=white)
         ph.render(scene, width=32, height=18, spp=1, max_depth=8)
         if number == FIRST:
-            first = status_bytes("VmRSS")
-    last = status_bytes("VmRSS")
-    print(json.dumps(None if first is None or last is None else last - first))
+            first = _bytes("VmRSS")
+    return _bytes("VmRSS") - first
+
+
+def _bytes(field: str) -> int:
+    held = status_bytes(field)
+    assert held is not None  # on Linux
+    return held

@@ -40,14 +40,14 @@ def _scene(plan: Any, notes: Any, name: str) -> list[Row]:
     worker = Worker("parhelion", job)
     try:
         worker.render(1)
-        answers = [worker.render(plan.spp) for _ in range(min(plan.rounds, 3))]
+        answers = [worker.render(plan.spp, seed) for seed in range(min(plan.rounds, 3))]
     finally:
         worker.close()
     notes.versions["parhelion"] = worker.known
     whole = [a["seconds"] for a in answers]
     walks = [a["traversal_seconds"] for a in answers]
     if min(walks) == 0.0:
-        raise BenchError("the kernels have no clock on this machine")
+        raise BenchError("no walk was timed: the picture is too small, or there is no clock here")
     group = f"overhead, {name}"
     return [
         Row(group, "traversal", "s", walks),

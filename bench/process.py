@@ -102,14 +102,18 @@ def start_seconds(*arguments: str) -> float:
 
 def run(*arguments: str) -> str:
     """What a Python process writes to stdout. Raises BenchError if it fails."""
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        capture_output=True,
-        text=True,
-        cwd=REPOSITORY,
-        env=environment(),
-        timeout=SECONDS_A_REQUEST,
-    )
+    try:
+        done = subprocess.run(
+            [sys.executable, *arguments],
+            capture_output=True,
+            text=True,
+            cwd=REPOSITORY,
+            env=environment(),
+            timeout=SECONDS_A_REQUEST,
+        )
+    except subprocess.TimeoutExpired:
+        name = " ".join(arguments)
+        raise BenchError(f"python {name}: took over {SECONDS_A_REQUEST:g} s") from None
     if done.returncode:
         raise BenchError(f"python {' '.join(arguments)}: {done.stderr.strip()[-300:]}")
     return done.stdout

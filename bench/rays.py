@@ -38,14 +38,14 @@ def rays(plan: Any, notes: Any) -> list[Row]:
     """By the number of primitives: seconds to build, and rays of each kind."""
     return [
         row
-        for path, what, shape in loads(plan, notes)
+        for path, what, shape in loads(plan, notes, "rays")
         for row in measured(plan, notes, path, what, shape)
     ]
 
 
-def loads(plan: Any, notes: Any) -> Iterator[tuple[Path, str, str]]:
+def loads(plan: Any, notes: Any, group: str) -> Iterator[tuple[Path, str, str]]:
     """Made scenes and those of the gallery, one after the other in a file that write() makes: its
-    path, the scene's name, and which of SHAPES it is of.
+    path, the scene's name, and which of SHAPES it is of. group: which wants them.
     """
     plan.cache.mkdir(parents=True, exist_ok=True)
     path = plan.cache / "rays.npz"
@@ -57,7 +57,7 @@ def loads(plan: Any, notes: Any) -> Iterator[tuple[Path, str, str]]:
         try:
             write_scene(path, name)
         except BenchError as problem:
-            notes.add(f"rays, {name}: not measured: {problem}")
+            notes.add(f"{group}, {name}: not measured: {problem}")
             continue
         yield path, name, "triangles"
     path.unlink()

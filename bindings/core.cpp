@@ -11,7 +11,6 @@
 #include <omp.h>
 
 #include <array>
-#include <atomic>
 #include <cstring>
 #include <limits>
 #include <memory>
@@ -416,7 +415,7 @@ nb::dict scene_stats(const Scene& scene) {
   return d;
 }
 
-std::tuple<double, double> expected_visits(const Scene& scene) {
+std::tuple<double, double> cost_of_tree(const Scene& scene) {
   const TreeCost cost = tree_cost(scene.view());
   return {cost.nodes, cost.leaves};
 }
@@ -552,8 +551,8 @@ Schedule schedule_of(const std::string& name) {
 
 using Counts = nb::ndarray<const u32, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
-// Of all pictures so far, by all threads.
-std::atomic<double> traversal_seconds = 0.0;
+// Of all pictures so far, by all threads; guarded by the GIL.
+double traversal_seconds = 0.0;
 
 // render_pass() with the GIL let go; returns samples, rays, and false if tick stopped it.
 std::tuple<u64, u64, bool> render_all(const Scene& scene, std::span<const Part> parts, int threads,
@@ -584,7 +583,7 @@ std::tuple<u64, u64, bool> render_all(const Scene& scene, std::span<const Part> 
     nb::gil_scoped_release unlocked;
     result = render_pass(k, scene, parts, options, on_tick);
   }
-  traversal_seconds.fetch_add(result.traversal_seconds);
+  traversal_seconds += result.traversal_seconds;
   if (error) std::rethrow_exception(error);
   return {result.samples, result.rays, result.complete};
 }
@@ -895,7 +894,7 @@ NB_MODULE(_core, m) {
       .def("set_materials", &set_materials, "materials"_a)
       .def("set_lights", &set_lights, "lights"_a)
       .def("stats", &scene_stats)
-      .def("tree_cost", &expected_visits)
+      .def("tree_cost", &cost_of_tree)
       .def("intersect", &intersect, "origins"_a, "directions"_a, "tree"_a = true, "isa"_a = "")
       .def("occluded", &occluded, "origins"_a, "directions"_a, "limits"_a, "tree"_a = true,
            "isa"_a = "")
@@ -935,8 +934,8 @@ NB_MODULE(_core, m) {
   m.attr("block") = kBlock;
   m.attr("region") = kRegion;
   m.def("tables", &tables);
+  m.def("traversal_seconds", [] { return traversal_seconds; });
   // Of what the calling thread asks for.
-  m.def("traversal_seconds", [] { return traversal_seconds.load(); });
   m.def("max_threads", [] { return omp_get_max_threads(); });
   m.def("set_max_threads", [](int count) { omp_set_num_threads(count); }, "count"_a);
   m.def("instruction_sets", &instruction_sets);

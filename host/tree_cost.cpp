@@ -7,19 +7,16 @@
 namespace parhelion {
 namespace {
 
-double half_area(const Aabb& box) {
-  double side[3];
-  for (int k = 0; k < 3; ++k) side[k] = static_cast<double>(box.high[k]) - box.low[k];
-  return side[0] * side[1] + side[1] * side[2] + side[2] * side[0];
-}
-
 // Calls f(child, box) for what a node has.
 template <class F>
 void for_each_child(const Node& node, F&& f) {
   for (int i = 0; i < 16; ++i) {
-    Aabb box;
-    for (int k = 0; k < 3; ++k) box.low[k] = node.low[k][i], box.high[k] = node.high[k][i];
-    if (box.low[0] <= box.high[0]) f(node.child[i], box);
+    Ref own = {};
+    for (int k = 0; k < 3; ++k) own.low[k] = node.low[k][i], own.high[k] = node.high[k][i];
+    if (!(own.low[0] <= own.high[0])) continue;  // none there
+    Extent box;
+    box.grow(own);
+    f(node.child[i], box);
   }
 }
 
@@ -27,20 +24,17 @@ void for_each_child(const Node& node, F&& f) {
 
 TreeCost tree_cost(const SceneView& scene) {
   if (scene.root & kLeafBit) return {0.0, 1.0};
-  Aabb all;
-  for_each_child(scene.nodes[scene.root], [&](Child, const Aabb& box) {
-    all.grow(box.low);
-    all.grow(box.high);
-  });
-  const double whole = half_area(all);
+  Extent all;
+  for_each_child(scene.nodes[scene.root], [&](Child, const Extent& box) { all.grow(box); });
+  const double whole = all.half_area();
   TreeCost cost = {1.0, 0.0};
   std::vector<Child> left = {scene.root};
   while (!left.empty()) {
     const Node& node = scene.nodes[left.back()];
     left.pop_back();
-    for_each_child(node, [&](Child child, const Aabb& box) {
+    for_each_child(node, [&](Child child, const Extent& box) {
       const bool leaf = (child & kLeafBit) != 0;
-      (leaf ? cost.leaves : cost.nodes) += half_area(box) / whole;
+      (leaf ? cost.leaves : cost.nodes) += box.half_area() / whole;
       if (!leaf) left.push_back(child);
     });
   }

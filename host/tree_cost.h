@@ -12,7 +12,7 @@ struct TreeCost {
   double nodes = 0.0, leaves = 0.0;
 };
 
-// Of the scene's own tree, in which instances are leaves.
+// Of the scene's own tree, in which instances are leaves; of nothing one leaf, which nothing hits.
 TreeCost tree_cost(const SceneView& scene);
 
 }  // namespace parhelion

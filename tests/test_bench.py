@@ -291,19 +291,33 @@ def test_trees_on_all_threads_and_what_they_cost(tmp_path: Path):
     write(path, "spheres", 1000)
     rows = {row.name: row for row in trees._measured(Plan(path, rounds=1), Notes(), path, "few")}
     assert rows["parhelion"].runs[0] > 0
+    if "embreex" in rows:
+        assert rows["embreex"].ratios == [rows["embreex"].runs[0] / rows["parhelion"].runs[0]]
     # a line through the box meets the root, and of a thousand spheres' leaves at least a few
     assert rows["nodes that a line meets"].runs[0] > 1
     assert 1 < rows["leaves that a line meets"].runs[0] < 1000 / 16
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells what a process holds")
-def test_memory_that_scenes_leave(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+def test_memory_that_scenes_leave(monkeypatch: pytest.MonkeyPatch):
+    rendered = []
     monkeypatch.setattr(memory, "SCENES", 12)
     monkeypatch.setattr(memory, "FIRST", 2)
-    held = iter([5_000, 9_000])
-    monkeypatch.setattr(memory, "status_bytes", lambda _field: next(held))
-    memory.child()
-    assert capsys.readouterr().out == "4000\n"
+    monkeypatch.setattr(ph, "render", lambda scene, **_: rendered.append(scene))
+    monkeypatch.setattr(memory, "status_bytes", lambda _field: 1000 * len(rendered))
+    assert memory.left() == 10_000
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells what a process holds")
+def test_memory_by_samples_forgets_what_the_tree_took(monkeypatch: pytest.MonkeyPatch):
+    asked = []
+    monkeypatch.setattr(memory, "_asked", lambda call: asked.append(call) or 2e6 * len(asked))
+    few, many, left = memory.memory(Plan(Path(), rounds=1), Notes())
+    assert asked == ["peak(16)", "peak(4096)", "left()"]
+    assert (few.runs, many.runs, many.ratios, left.runs) == ([2.0], [4.0], [2.0], [6.0])
+    before = "import numpy; numpy.ones(25_000_000)"  # 200 MB, given back at once
+    done = command("-c", f"from bench.memory import peak; {before}; print(peak(1))")
+    assert 1e7 < int(done.stdout) < 2e8
 
 
 @pytest.mark.parametrize("ball", [luxcore._ball(3), luxcore._ball_towards(np.array([1, 9, 2.0]))])

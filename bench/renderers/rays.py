@@ -1,4 +1,4 @@
-"""Rays against one scene by the program that the job names, on one thread."""
+"""Rays against one scene by the program that the job names, on one thread; and trees, on all."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
     def answer(request: dict[str, Any]) -> dict[str, Any]:
         kind = request["rays"]
         if kind == "cost":
-            return {"visits": program.cost()}
+            return dict(zip(("nodes", "leaves"), program.cost(), strict=True))
         if kind in builds:
             start = time.perf_counter()  # of whatever threads there are
             builds[kind]()(*few, False)

@@ -297,6 +297,28 @@ void trees_cost_what_lines_meet() {
   CHECK(tree_cost(Scene(input_of({}, {})).view()).nodes == 0.0);
 }
 
+// One path at a time, each ray is a walk, and each of them is counted among those that are timed,
+// also where rays pass holes.
+void every_walk_is_counted() {
+  const Cloud cloud(300);
+  for (float opacity : {1.0f, 0.6f}) {
+    SceneInput input = input_of({cloud.group()}, Cloud::materials());
+    for (MaterialRecord& m : input.materials) m.opacity = opacity;
+    const Scene scene(std::move(input));
+    const RenderView view = make_view(scene, 16, 9, SamplerKind::sobol);
+    u64 timed = 0;
+    for (u32 i = 0; i < 16 * 9; ++i) {
+      PathStats stats;
+      stats.walks = kTimedWalks - 1;  // the next is timed
+      baseline::radiance(scene.view(), view, i % 16, i / 16, 0, stats);
+      const u64 walked = stats.walks - (kTimedWalks - 1);
+      CHECK(walked == stats.rays || (walked == 0 && stats.rays == 1));  // it passes the scene by
+      timed += stats.timed_ticks;
+    }
+    CHECK(timed > 0 || compiler::ticks() == 0);
+  }
+}
+
 // What is rendered in batches, which end in the middle of rows and pixels, is the sum of samples
 // that are rendered by themselves; of pixels outside of what is asked for nothing changes.
 void batches_are_their_samples() {
@@ -1295,6 +1317,7 @@ int main() {
   groups_are_of_even_rows_or_of_odd_ones();
   batches_are_their_samples();
   trees_cost_what_lines_meet();
+  every_walk_is_counted();
   samples_that_are_not_finite_are_counted_and_left_out();
   rays_meet_the_same_through_the_tree_and_without();
   rays_together_meet_what_each_meets();
