@@ -101,7 +101,8 @@ PH_INLINE bool is_bent(Vec3 n, Vec3 normal, Vec3 wo) {
   const float side = copysign(1.0f, dot(wo, normal));
   const Vec3 outside = normal * side, mirrored = n * (2.0f * dot(wo, n)) - wo;
   const float least = min(kLeastSeen, 0.9f * dot(wo, outside));
-  return (side * dot(wo, n) < kLeastSeen) | (dot(mirrored, outside) < least);
+  const bool unseen = side * dot(wo, n) < kLeastSeen, inside = dot(mirrored, outside) < least;
+  return unseen | inside;
 }
 
 // Whether light can pass; a surface that is opaque asks for light on the side that it is seen from.
