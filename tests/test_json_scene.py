@@ -1248,7 +1248,7 @@ def mutations(draw: st.DrawFn) -> Any:
 
 
 QUICK = settings(
-    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 
 
