@@ -11,13 +11,14 @@ import hashlib
 import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from math import exp, log
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
 from .process import Worker, in_turn
-from .scenes import BenchError
+from .scenes import BenchError, by_scene
 from .summary import Row, markdown, ratios
 
 # The error to reach is that of ours at this many samples a pixel, each pixel by itself.
@@ -44,12 +45,8 @@ def equal(plan: Any, notes: Any) -> list[Row]:
     folder.mkdir(parents=True, exist_ok=True)
     rows: list[Row] = []
     found: list[list[str]] = []
-    for name in plan.scenes:
-        print(f"measuring: {name}", file=sys.stderr)
-        try:
-            found += _scene(plan, notes, name, folder, rows)
-        except BenchError as problem:
-            notes.add(f"equal, {name}: not measured: {problem}")
+    for lines in by_scene(plan, notes, "equal", partial(_scene, folder, rows)):
+        found += lines
         (folder / "equal.md").write_text(report(found) + "\n", encoding="utf-8")
     return rows
 
@@ -74,7 +71,7 @@ def seconds_at(error: float, few: tuple[float, float], many: tuple[float, float]
     return exp(log(few[1]) + share * log(many[1] / few[1]))
 
 
-def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> list[list[str]]:
+def _scene(folder: Path, rows: list[Row], plan: Any, notes: Any, name: str) -> list[list[str]]:
     """Adds to rows, and returns lines of the report."""
     import numpy as np
     from tests.reference_tools import save_side_by_side
@@ -82,14 +79,12 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
     from parhelion.comparison import relative_mse
     from parhelion.flatten import flatten
 
-    from .gallery import load
+    from .gallery import load, picture_job
     from .measure import ALONE, OURS, PEERS
 
     pixels = plan.width * plan.height
     scene = load(name, pixels)
-    s = scene.settings
-    job = {"scene": name, "pixels": pixels, "threads": plan.threads}
-    job |= {"width": s.width, "height": s.height, "depth": s.max_depth}
+    job = picture_job(name, scene, pixels, plan.threads)
     seen = f"{flatten(scene).sha256()} {scene.camera}"
     path = folder / "part.npy"
     with ExitStack() as stack:
@@ -177,7 +172,7 @@ def _scene(plan: Any, notes: Any, name: str, folder: Path, rows: list[Row]) -> l
                 lines[-1].append("{}{:.2f} ({:.2f})".format(outside, *ratio))
             lines[-1].append(f"{slope:.2f}")
         mean = references[peer].mean(axis=(0, 1)) / references[OURS].mean(axis=(0, 1))
-        sample = 1e6 * median(r.cpu for r in many) / (many[0].spp * s.width * s.height)
+        sample = 1e6 * median(r.cpu for r in many) / (many[0].spp * job["width"] * job["height"])
         lines[-1] += [
             f"{few[0].spp}, {many[0].spp}",
             f"{sample:.2f}",

@@ -47,6 +47,13 @@ def fitted(scene: ph.Scene, pixels: int) -> ph.Scene:
     )
 
 
+def picture_job(name: str, scene: ph.Scene, pixels: int, threads: int) -> dict[str, Any]:
+    """What a worker is told that renders a scene of the gallery, which load() has given."""
+    s = scene.settings
+    job = {"scene": name, "pixels": pixels, "threads": threads}
+    return job | {"width": s.width, "height": s.height, "depth": s.max_depth}
+
+
 def of_job(job: dict[str, Any]) -> ph.Scene:
     """That of a job with "scene", a name of the gallery, and "pixels", how many its picture has, or
     with "spheres", the path of a weekend file.

@@ -5,7 +5,6 @@ Only Linux tells what a process holds, and lets it forget what it once held.
 
 from __future__ import annotations
 
-import json
 import sys
 from typing import Any
 
@@ -41,7 +40,7 @@ def memory(plan: Any, _notes: Any) -> list[Row]:
 def _asked(call: str) -> int:
     """Of a process of its own."""
     code = f"from bench.memory import left, peak; print({call})"
-    return int(json.loads(run("-c", code)))
+    return int(run("-c", code))
 
 
 def peak(spp: int) -> int:

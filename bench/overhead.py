@@ -8,11 +8,11 @@ picture: finding what is met, materials, textures, lights, numbers, the film.
 
 from __future__ import annotations
 
-import sys
+from itertools import chain
 from typing import Any
 
 from .process import Worker
-from .scenes import BenchError
+from .scenes import BenchError, by_scene
 from .summary import Row, ratios
 
 MOST = 1.6
@@ -20,24 +20,14 @@ MOST = 1.6
 
 def overhead(plan: Any, notes: Any) -> list[Row]:
     """Seconds of each scene's picture, and of traversal."""
-    rows = []
-    for name in plan.scenes:
-        print(f"measuring: {name}", file=sys.stderr)
-        try:
-            rows += _scene(plan, notes, name)
-        except BenchError as problem:
-            notes.add(f"overhead, {name}: not measured: {problem}")
-    return rows
+    return list(chain(*by_scene(plan, notes, "overhead", _scene)))
 
 
 def _scene(plan: Any, notes: Any, name: str) -> list[Row]:
-    from .gallery import load
+    from .gallery import load, picture_job
 
     pixels = plan.width * plan.height // 4  # one thread has to do them all
-    s = load(name, pixels).settings
-    job = {"scene": name, "pixels": pixels, "threads": 1}
-    job |= {"width": s.width, "height": s.height, "depth": s.max_depth}
-    worker = Worker("parhelion", job)
+    worker = Worker("parhelion", picture_job(name, load(name, pixels), pixels, 1))
     try:
         worker.render(1)
         answers = [worker.render(plan.spp, seed) for seed in range(min(plan.rounds, 3))]

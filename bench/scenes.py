@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
+
+T = TypeVar("T")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 SHARED = REPOSITORY.parent / "shared" / "scenes"
@@ -34,6 +37,22 @@ GALLERY = (
 
 class BenchError(Exception):
     """Something that the person who runs the measurement can mend; its text says what."""
+
+
+def by_scene(
+    plan: Any, notes: Any, group: str, measure: Callable[[Any, Any, str], list[T]]
+) -> Iterator[list[T]]:
+    """What a group measures on each of the plan's scenes that can be measured, one after the other;
+    notes say of the others why not. measure: gets plan, notes and the scene's name.
+    """
+    for name in plan.scenes:
+        print(f"measuring: {name}", file=sys.stderr)
+        try:
+            found = measure(plan, notes, name)
+        except BenchError as problem:
+            notes.add(f"{group}, {name}: not measured: {problem}")
+            continue
+        yield found
 
 
 @dataclass(frozen=True)

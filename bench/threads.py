@@ -8,15 +8,15 @@ And as many processes of one thread each: what the machine allows where nothing 
 
 from __future__ import annotations
 
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from functools import partial
+from itertools import chain
 from statistics import mean
 from typing import Any
 
 from .process import Worker
-from .scenes import BenchError
+from .scenes import by_scene
 from .summary import Row, ratios
 
 # Speed-up over the number of threads, at least.
@@ -27,14 +27,7 @@ MOST_PROCESSES = 8
 
 def threads(plan: Any, notes: Any) -> list[Row]:
     """Seconds with 1, 2, 4, ... threads up to those of the plan, which come first."""
-    rows = []
-    for name in plan.scenes:
-        print(f"measuring: {name}", file=sys.stderr)
-        try:
-            rows += _scene(plan, notes, name)
-        except BenchError as problem:
-            notes.add(f"threads, {name}: not measured: {problem}")
-    return rows
+    return list(chain(*by_scene(plan, notes, "threads", _scene)))
 
 
 def counts(most: int) -> list[int]:
@@ -47,12 +40,11 @@ def named(count: int) -> str:
 
 
 def _scene(plan: Any, notes: Any, name: str) -> list[Row]:
-    from .gallery import load
+    from .gallery import load, picture_job
     from .measure import OURS, alternate
 
-    s = load(name, plan.width * plan.height).settings
-    job = {"scene": name, "pixels": plan.width * plan.height, "threads": plan.threads}
-    job |= {"width": s.width, "height": s.height, "depth": s.max_depth}
+    pixels = plan.width * plan.height
+    job = picture_job(name, load(name, pixels), pixels, plan.threads)
     tried = counts(plan.threads)
     apart = f"{plan.threads} processes"
     with ExitStack() as stack:

@@ -26,7 +26,7 @@ from bench.gallery import SCENES  # noqa: E402
 from bench.measure import Notes, Plan, alternate  # noqa: E402
 from bench.rays import write  # noqa: E402
 from bench.renderers import luxcore  # noqa: E402
-from bench.scenes import GALLERY, BenchError, read_weekend  # noqa: E402
+from bench.scenes import GALLERY, BenchError, by_scene, read_weekend  # noqa: E402
 from bench.summary import Row, ratios, spread, table  # noqa: E402
 from bench.threads import counts  # noqa: E402
 
@@ -271,6 +271,17 @@ def test_threads_by_clock_and_processor(tmp_path: Path):
     both, one = (rows["threads, cloud-1e4, clock", n]["runs"][0] for n in ("2 threads", "1 thread"))
     assert rows["threads, cloud-1e4, clock", "1 thread"]["ratios"] == [one / both]
     assert rows["threads, cloud-1e4, processor", "1 thread"]["least_ratio"] == 0.97
+
+
+def test_a_scene_that_cannot_be_measured_is_a_note():
+    def measure(_plan: Plan, _notes: Notes, name: str) -> list[str]:
+        if name == "coffee":
+            raise BenchError("its files are not here")
+        return [name]
+
+    notes, plan = Notes(), Plan(Path(), scenes=("weekend", "coffee", "sponza"))
+    assert list(by_scene(plan, notes, "threads", measure)) == [["weekend"], ["sponza"]]
+    assert notes.lines == ["threads, coffee: not measured: its files are not here"]
 
 
 def test_overhead_is_the_whole_over_traversal(tmp_path: Path):
