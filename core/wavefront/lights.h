@@ -12,8 +12,8 @@ inline constexpr u32 kFewLights = 8;
 // Primitives of one kind, of the scene itself, that are asked for light.
 template <class Shape>
 struct PickedLights {
-  Rows<Shape, kBatch> shape = {};
-  u32 id[kBatch];
+  Rows<Shape, kBatch>& shape;
+  u32 id[kBatch] = {};
   u32 lanes = 0;
 
   // Takes the light that lane k has picked, if it is one of these, and says so.
@@ -49,6 +49,8 @@ inline u32 ask(const SceneView& scene, u32 lanes, const BounceDraws& draws, Vert
   const double outside = static_cast<double>(scene.outside_share);
   double number[kBatch];
   for (u32 k = 0; k < kBatch; ++k) number[k] = light_number(draws.point[0][k], draws.light[k]);
+  OutsideChoice<kBatch> outsiders;
+  if (outside > 0.0) choose_outside(scene, number, outsiders);
   u32 chosen[kBatch];
   float probability[kBatch], left[kBatch];
   if (few) {
@@ -59,15 +61,20 @@ inline u32 ask(const SceneView& scene, u32 lanes, const BounceDraws& draws, Vert
   // Those to which directions are found for all at once.
   LightPick picks[kBatch];
   float place[2][kBatch] = {};  // of the point on the light
-  PickedLights<Triangle> triangles;
-  PickedLights<Sphere> spheres;
+  PickedLights<Triangle> triangles = {v.light_triangle};
+  PickedLights<Sphere> spheres = {v.light_sphere};
   PanoramaBatch<kBatch> panoramas;
   u32 around[kBatch], around_count = 0;
   for_each_bit(lanes, [&](u32 k) {
     LightPick& pick = picks[k];
-    pick = few && number[k] >= outside
-               ? pick_inside(scene, {chosen[k], probability[k], left[k]})
-               : pick_light(scene, v.receiver.at(k), v.highlight.at(k), number[k]);
+    if (number[k] < outside) {
+      pick = outsiders.pick(scene, k);
+    } else if (few) {
+      pick = pick_inside(scene, {chosen[k], probability[k], left[k]});
+    } else {
+      pick = pick_inside(scene, choose_light(tree, v.receiver.at(k), v.highlight.at(k),
+                                             number_inside(scene, number[k])));
+    }
     place[0][k] = pick.u, place[1][k] = draws.point[1][k];
     if (triangles.take(scene.triangles, ShapeKind::triangle, pick, k)) return;
     if (spheres.take(scene.spheres, ShapeKind::sphere, pick, k)) return;

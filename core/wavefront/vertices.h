@@ -71,6 +71,9 @@ struct Vertices : PlainSurfaces {
   u32 glossy;                         // bits for those that ask for light where they mirror it
   Rows<Highlight, kBatch> highlight;  // kNoHighlight for the others
 
+  // Lights that are asked, where they are of these
+  Rows<Triangle, kBatch> light_triangle;
+  Rows<Sphere, kBatch> light_sphere;
   // As in DirectSample
   Rows<Vec3, kBatch> to_light, radiance;
   float light_distance[kBatch], light_pdf[kBatch];
