@@ -47,7 +47,7 @@ PH_INLINE Vec3 select(bool which, Vec3 a, Vec3 b) {
 }
 // In one comparison: of what is not finite the difference from itself is NaN.
 PH_INLINE bool finite(Vec3 a) { return (a.x - a.x) + (a.y - a.y) + (a.z - a.z) == 0.0f; }
-PH_INLINE bool black(Vec3 a) { return a.x == 0.0f && a.y == 0.0f && a.z == 0.0f; }
+PH_INLINE bool black(Vec3 a) { return (a.x == 0.0f) & (a.y == 0.0f) & (a.z == 0.0f); }
 
 // Rec. 709 luminance of a linear colour.
 PH_INLINE float luminance(Vec3 c) { return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z; }

@@ -83,11 +83,14 @@ struct Sampler {
   u64 key;             // of the pixel and seed; for `independent` also of the sample
 };
 
+PH_INLINE u64 pixel_key(u32 x, u32 y, u64 seed) {
+  return mix((static_cast<u64>(y) << 32 | x) + mix(seed + 0x9e3779b97f4a7c15ull));
+}
+
 PH_INLINE Sampler make_sampler(SamplerKind kind, u32 x, u32 y, u32 sample, u64 seed) {
-  const u64 pixel = mix((static_cast<u64>(y) << 32 | x) + mix(seed + 0x9e3779b97f4a7c15ull));
-  const bool independent = kind == SamplerKind::independent;
-  const u64 by_sample = mix(pixel + sample);  // in either case: a branch would undo vectors
-  return {kind, independent ? 0 : reverse_bits(sample), independent ? by_sample : pixel};
+  const u64 pixel = pixel_key(x, y, seed);
+  if (kind == SamplerKind::independent) return {kind, 0, mix(pixel + sample)};
+  return {kind, reverse_bits(sample), pixel};
 }
 
 PH_INLINE u64 dimension_hash(u64 key, u32 dimension) {
@@ -134,8 +137,12 @@ PH_INLINE SamplerBatch<kCount> make_samplers(SamplerKind kind, const u32 (&x)[kC
   SamplerBatch<kCount> s;
   s.kind = kind;
   for (u32 i = 0; i < kCount; ++i) {
-    const Sampler one = make_sampler(kind, x[i], y[i], sample[i], seed);
-    s.key[i] = one.key, s.reversed_index[i] = one.reversed_index, s.dimension[i] = 0;
+    s.key[i] = pixel_key(x[i], y[i], seed);
+    s.reversed_index[i] = reverse_bits(sample[i]);
+    s.dimension[i] = 0;
+  }
+  if (kind == SamplerKind::independent) {
+    for (u32 i = 0; i < kCount; ++i) s.key[i] = mix(s.key[i] + sample[i]);
   }
   return s;
 }

@@ -21,24 +21,25 @@ template <class Watch = Unwatched>
 inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Vertices& v,
                   PathStats& stats, const Watch& watch = {}) {
   Paths& p = wave.paths;
-  u32 first = 0, meeting = 0;
-  if (wave.features) {
-    for_each_bit(wave.alive, [&](u32 k) { first |= (p.depth[k] == 1 ? 1u : 0u) << k; });
-  }
+  const u32 first = wave.features ? equal(1, p.depth) & wave.alive : 0;
   find_surfaces(scene, p, wave.alive, first, v);
   travel(p, v);
   find_emission(scene, p, wave.alive, v);
   const u32 alone =
       meets_more(scene, view, wave) ? wave.alive : having(kShines | kVaries, v.traits, wave.alive);
   const u32 ending = meet_plainly(view.max_depth, p, v) & ~alone;
-  for_each_bit(wave.alive, [&](u32 k) {
-    Fate fate = (ending >> k & 1u) != 0 ? Fate::ends : Fate::scatters;
-    if ((alone >> k & 1u) != 0) fate = meet(scene, view, wave, v, k, stats);
+  for_each_bit(wave.alive & ~alone, [&](u32 k) {
+    watch(Step::meets, wave, &v, k, (ending >> k & 1u) != 0 ? Fate::ends : Fate::scatters);
+  });
+  u32 meeting = wave.alive & ~alone & ~ending;
+  wave.alive &= ~ending;
+  for_each_bit(alone, [&](u32 k) {
+    const Fate fate = meet(scene, view, wave, v, k, stats);
     watch(Step::meets, wave, &v, k, fate);
-    wave.note_direct(k);
     if (fate == Fate::scatters) meeting |= 1u << k;
     if (fate == Fate::ends) wave.alive &= ~(1u << k);
   });
+  wave.note_direct(alone);
   find_parameters(scene, p, meeting, v);
   Kinds kinds;
   u32 asking = 0;
@@ -59,10 +60,8 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
       watch(Step::asks, wave, &v, k, Fate::scatters, (lit >> k & 1u) != 0);
     });
     if (lit != 0) receive(scene, view, kinds.transmitting, lit, p, v, stats);
-    for_each_bit(scattering, [&](u32 k) {
-      watch(Step::receives, wave, &v, k, Fate::scatters);
-      if (p.depth[k] == 1) wave.note_direct(k);
-    });
+    for_each_bit(scattering, [&](u32 k) { watch(Step::receives, wave, &v, k, Fate::scatters); });
+    wave.note_direct(equal(1, p.depth) & scattering);
   }
   u32 mirrored = 0;
   const u32 on =

@@ -42,6 +42,16 @@ struct PickedLights {
   }
 };
 
+// The lanes that light is sent to, of those that asked for some.
+PH_APART inline u32 find_lit(const Vertices& __restrict v, u32 asked) {
+  u32 lit[kBatch];
+  for (u32 k = 0; k < kBatch; ++k) {
+    const bool shines = !black(v.radiance.at(k));
+    lit[k] = (shines & (v.light_pdf[k] > 0.0f)) ? 1 : 0;
+  }
+  return having(1, lit, asked);
+}
+
 // Light samples for those that ask for one; returns the lanes of those that get any.
 inline u32 ask(const SceneView& scene, u32 lanes, const BounceDraws& draws, Vertices& v) {
   const LightTreeView& tree = scene.light_tree;
@@ -99,38 +109,36 @@ inline u32 ask(const SceneView& scene, u32 lanes, const BounceDraws& draws, Vert
   }
   triangles.sample(scene, picks, place, v);
   spheres.sample(scene, picks, place, v);
-  u32 lit = 0;
-  for_each_bit(lanes, [&](u32 k) {
-    if (v.light_pdf[k] > 0.0f && !black(v.radiance.at(k))) lit |= 1u << k;
-  });
-  return lit;
+  return find_lit(v, lanes);
 }
 
-// Before and after materials say how much of the light they scatter.
-PH_APART inline void look_towards_lights(const Paths& __restrict paths,
-                                         u32 (&__restrict fits)[kBatch], Vertices& __restrict v) {
+// Before and after materials say how much of the light they scatter; the lanes that scatter any.
+PH_APART inline u32 look_towards_lights(const Paths& __restrict paths, u32 lanes,
+                                        Vertices& __restrict v) {
+  u32 fits[kBatch];
   for (u32 k = 0; k < kBatch; ++k) {
     const Vec3 wo = -paths.direction.at(k), light = v.to_light.at(k), local_wo = v.local_wo.at(k);
     const Vec3 wi = to_local(v.frame.at(k), light);
     v.local_wi.set(k, wi);
     fits[k] = consistent(v.normal.at(k), wo, light, local_wo, wi) ? 1 : 0;
   }
+  return having(1, fits, lanes);
 }
-PH_APART inline void weigh_lights(Vertices& v) {
+PH_APART inline u32 weigh_lights(u32 lanes, Vertices& v) {
+  u32 bright[kBatch];
   for (u32 k = 0; k < kBatch; ++k) {
     const BsdfValue f = v.scattered.at(k);
     const float weight = v.light_delta[k] != 0 ? 1.0f : power_heuristic(v.light_pdf[k], f.pdf);
     v.value.set(k, f.value * v.radiance.at(k));
     v.scale[k] = weight / v.light_pdf[k];
+    bright[k] = black(f.value) ? 0 : 1;
   }
+  return having(1, bright, lanes);
 }
 
 // How much of the light surfaces scatter towards wo; returns the lanes of those that do any.
 inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v) {
-  u32 fits[kBatch];
-  look_towards_lights(paths, fits, v);
-  u32 lit = 0;
-  for_each_bit(lanes, [&](u32 k) { lit |= fits[k] << k; });
+  const u32 lit = look_towards_lights(paths, lanes, v);
   for_each_kind(kinds, [&]<class Material>(u32 own) {
     plain_and_others<Material>(
         kinds, own & lit,
@@ -150,11 +158,7 @@ inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v)
           }
         });
   });
-  for_each_bit(lit, [&](u32 k) {
-    if (black(v.scattered.at(k).value)) lit &= ~(1u << k);
-  });
-  weigh_lights(v);
-  return lit;
+  return weigh_lights(lit, v);
 }
 
 // Rays from surfaces towards their lights.

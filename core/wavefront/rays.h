@@ -60,7 +60,7 @@ inline void begin(const SceneView& scene, const RenderView& view, const CameraBa
     if (batch.sight[k] == Sight::background) passing |= 1u << k;
   }
   if (passing != 0) add_backgrounds(scene, view, passing, p);
-  for_each_bit(passing, [&](u32 k) { wave.note_direct(k); });
+  wave.note_direct(passing);
 }
 
 // Traces the rays of a wave, and ends the paths that leave the scene. close: rays from the camera,
@@ -80,10 +80,8 @@ inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, bo
   stats.rays += compiler::ones(wave.alive);
   const u32 left = equal(kNone, p.slot.leaf) & wave.alive;
   if (left != 0) add_backgrounds(scene, view, left, p);
-  for_each_bit(left, [&](u32 k) {
-    watch(Step::leaves, wave, nullptr, k, Fate::ends);
-    wave.note_direct(k);
-  });
+  for_each_bit(left, [&](u32 k) { watch(Step::leaves, wave, nullptr, k, Fate::ends); });
+  wave.note_direct(left);
   wave.alive &= ~left;
 }
 

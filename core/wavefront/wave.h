@@ -16,10 +16,11 @@ struct Wave {
   PathGroup* groups = nullptr;   // of paths that are shared, by their tags, if any are (reuse.h)
 
   // Light that is direct has been found when the second ray ends.
-  PH_INLINE void note_direct(u32 k) {
-    if (features && paths.depth[k] <= 2) {
-      features[k].direct = paths.sum.at(k) - features[k].emission;
-    }
+  PH_INLINE void note_direct(u32 lanes) {
+    if (!features) return;
+    for_each_bit(lanes, [&](u32 k) {
+      if (paths.depth[k] <= 2) features[k].direct = paths.sum.at(k) - features[k].emission;
+    });
   }
 };
 
