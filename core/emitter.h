@@ -122,8 +122,8 @@ PH_INLINE double number_inside(const SceneView& scene, double number) {
   return (number - share) / (1.0 - share);
 }
 
-// The lights from outside that some numbers choose, which lie below outside_share; without a
-// branch, so that of sixteen it is vectors.
+// The lights from outside that some numbers choose: those that lie below outside_share, and what is
+// found of others means nothing. Without a branch, so that of sixteen it is vectors.
 template <u32 kCount>
 struct OutsideChoice {
   u32 light[kCount];

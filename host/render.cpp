@@ -140,10 +140,16 @@ constexpr auto kTickInterval = std::chrono::milliseconds(50);
 // Between two looks at whether to stop; a millisecond's work, of most scenes.
 constexpr u32 kSamplesPerStep = 512;
 
+// What a thread has done so far. Each has a cache line of its own: in one that all write to, every
+// tile would take it from all the others, and from whoever looks at what lies beside it.
+struct alignas(64) Done {
+  std::atomic<u64> samples{0}, rays{0};
+};
+
 // What the threads of a pass share. Only thread 0, the caller's own, ticks.
 struct Pass {
   const Tick& tick;
-  std::atomic<u64> samples{0}, rays{0};
+  std::vector<Done> done;  // by thread
   std::atomic<bool> stop{false};
   Clock::time_point next = Clock::now() + kTickInterval;
   std::mutex mutex;
@@ -151,12 +157,14 @@ struct Pass {
   int ended_threads = 0;
   double traversal_seconds = 0.0;
 
-  explicit Pass(const Tick& t) : tick(t) {}
+  Pass(const Tick& t, int threads) : tick(t), done(static_cast<size_t>(threads)) {}
+
+  u64 samples() const { return sum(&Done::samples); }
+  u64 rays() const { return sum(&Done::rays); }
 
   void maybe_tick(u64 more_samples, u64 more_rays) {
     if (Clock::now() < next) return;
-    if (tick(samples.load(std::memory_order_relaxed) + more_samples,
-             rays.load(std::memory_order_relaxed) + more_rays)) {
+    if (tick(samples() + more_samples, rays() + more_rays)) {
       stop.store(true, std::memory_order_relaxed);
     }
     next = Clock::now() + kTickInterval;
@@ -174,6 +182,13 @@ struct Pass {
       maybe_tick(0, 0);
       lock.lock();
     }
+  }
+
+ private:
+  u64 sum(std::atomic<u64> Done::* which) const {
+    u64 all = 0;
+    for (const Done& d : done) all += (d.*which).load(std::memory_order_relaxed);
+    return all;
   }
 };
 
@@ -335,11 +350,12 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, std::span<con
     case Schedule::static_: omp_set_schedule(omp_sched_static, 0); break;
     case Schedule::guided: omp_set_schedule(omp_sched_guided, 1); break;
   }
-  Pass pass(tick);
+  Pass pass(tick, options.threads);
   const WakeApart apart(options.threads);
 #pragma omp parallel num_threads(options.threads)
   {
     const bool first_thread = omp_get_thread_num() == 0;
+    Done& own = pass.done[static_cast<size_t>(omp_get_thread_num())];
     const TickClock clock;
     PathStats stats;
 #pragma omp for schedule(runtime) nowait
@@ -356,13 +372,13 @@ PassResult render_pass(const Kernels& kernels, const Scene& scene, std::span<con
                            ? render_region(job, job.part.film.x - tiling.x0 + x,
                                            job.part.film.y - tiling.y0 + y, first_thread, stats)
                            : render_tile(job, x, y, tiling.edge, first_thread, stats);
-      pass.samples.fetch_add(done, std::memory_order_relaxed);
-      pass.rays.fetch_add(stats.rays, std::memory_order_relaxed);
+      own.samples.fetch_add(done, std::memory_order_relaxed);
+      own.rays.fetch_add(stats.rays, std::memory_order_relaxed);
     }
     const double traversal = clock.seconds(stats.timed_ticks * kTimedWalks);
     pass.end(first_thread, omp_get_num_threads(), traversal);  // maybe fewer than were asked for
   }
-  return {pass.samples.load(), pass.rays.load(), pass.traversal_seconds, !pass.stop.load()};
+  return {pass.samples(), pass.rays(), pass.traversal_seconds, !pass.stop.load()};
 }
 
 void release_threads() { omp_pause_resource_all(omp_pause_hard); }

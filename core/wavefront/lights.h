@@ -112,7 +112,8 @@ inline u32 ask(const SceneView& scene, u32 lanes, const BounceDraws& draws, Vert
   return find_lit(v, lanes);
 }
 
-// Before and after materials say how much of the light they scatter; the lanes that scatter any.
+// Before materials say how much of the light they scatter, the lanes where it may be scattered so,
+// and after it those that scatter any.
 PH_APART inline u32 look_towards_lights(const Paths& __restrict paths, u32 lanes,
                                         Vertices& __restrict v) {
   u32 fits[kBatch];

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "../../core/emitter.h"
 #include "../../core/light.h"
 #include "../../core/random.h"
 #include "../../host/distribution.h"
@@ -274,6 +275,46 @@ void few_lights_are_chosen_together() {
 
 // Each of 64 consecutive samples has its own 64th of the numbers that choose lights. So what is
 // left of them on either of two lights leaves no gap of more than two of these.
+// Lights from outside: sixteen numbers choose what each chooses alone, as often as it is said, and
+// what is left of them is spread evenly.
+void outside_lights_are_chosen_together() {
+  constexpr u32 kFirst = 2, kLights = 4, kRounds = 20000;
+  const float shares[kLights] = {0.1f, 0.5f, 0.15f, 0.25f};
+  LightRecord lights[kFirst + kLights] = {};
+  for (u32 i = 0; i < kLights; ++i) lights[kFirst + i].share = shares[i];
+  SceneView scene = {};
+  scene.lights = lights;
+  scene.outside_first = kFirst;
+  scene.smooth_first = kFirst + kLights;
+  for (const float outside : {1.0f, 0.625f}) {
+    scene.outside_share = outside;
+    double taken[kLights] = {}, left[kLights] = {};
+    u32 below = 0;
+    for (u32 round = 0; round < kRounds; ++round) {
+      double number[16];
+      for (double& n : number) n = long_uniform();
+      OutsideChoice<16> chosen;
+      choose_outside(scene, number, chosen);
+      for (u32 i = 0; i < 16; ++i) {
+        if (!(number[i] < static_cast<double>(outside))) continue;
+        const LightPick alone = pick_light(scene, {{0, 0, 0}, {0, 0, 0}}, kNoHighlight, number[i]);
+        const LightPick pick = chosen.pick(scene, i);
+        CHECK(pick.record == alone.record && pick.u == alone.u);
+        CHECK(pick.probability == alone.probability);
+        CHECK(pick.probability == outside * shares[pick.record - kFirst]);
+        CHECK(pick.u >= 0.0f && pick.u < 1.0f);
+        taken[pick.record - kFirst] += 1.0;
+        left[pick.record - kFirst] += static_cast<double>(pick.u);
+        ++below;
+      }
+    }
+    for (u32 i = 0; i < kLights; ++i) {
+      near("outside light taken", taken[i] / below, static_cast<double>(shares[i]), 0.03);
+      near("what is left of its numbers", left[i] / taken[i], 0.5, 0.02);
+    }
+  }
+}
+
 void light_numbers_stay_even() {
   for (int round = 0; round < 20; ++round) {
     const Triangles lights(2, 0.2f);
@@ -820,6 +861,7 @@ int main() {
   tree_loses_no_light();
   tree_does_not_depend_on_threads_or_degeneracy();
   few_lights_are_chosen_together();
+  outside_lights_are_chosen_together();
   light_numbers_stay_even();
   highlights_find_what_mirrors_show();
   tree_beats_power();
