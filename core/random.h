@@ -79,19 +79,9 @@ PH_INLINE u32 sobol_second_reversed(u32 index) {
 // The random numbers of one sample of one pixel.
 struct Sampler {
   SamplerKind kind;
-  u32 reversed_index;  // the sample's index, bits reversed (Sobol' only)
+  u32 reversed_index;  // the sample's index, bits reversed, which Sobol' alone reads
   u64 key;             // of the pixel and seed; for `independent` also of the sample
 };
-
-PH_INLINE u64 pixel_key(u32 x, u32 y, u64 seed) {
-  return mix((static_cast<u64>(y) << 32 | x) + mix(seed + 0x9e3779b97f4a7c15ull));
-}
-
-PH_INLINE Sampler make_sampler(SamplerKind kind, u32 x, u32 y, u32 sample, u64 seed) {
-  const u64 pixel = pixel_key(x, y, seed);
-  if (kind == SamplerKind::independent) return {kind, 0, mix(pixel + sample)};
-  return {kind, reverse_bits(sample), pixel};
-}
 
 PH_INLINE u64 dimension_hash(u64 key, u32 dimension) {
   return mix(key + (dimension + 1) * 0x9e3779b97f4a7c15ull);
@@ -137,7 +127,8 @@ PH_INLINE SamplerBatch<kCount> make_samplers(SamplerKind kind, const u32 (&x)[kC
   SamplerBatch<kCount> s;
   s.kind = kind;
   for (u32 i = 0; i < kCount; ++i) {
-    s.key[i] = pixel_key(x[i], y[i], seed);
+    const u64 pixel = static_cast<u64>(y[i]) << 32 | x[i];
+    s.key[i] = mix(pixel + mix(seed + 0x9e3779b97f4a7c15ull));
     s.reversed_index[i] = reverse_bits(sample[i]);
     s.dimension[i] = 0;
   }
@@ -145,6 +136,9 @@ PH_INLINE SamplerBatch<kCount> make_samplers(SamplerKind kind, const u32 (&x)[kC
     for (u32 i = 0; i < kCount; ++i) s.key[i] = mix(s.key[i] + sample[i]);
   }
   return s;
+}
+PH_INLINE Sampler make_sampler(SamplerKind kind, u32 x, u32 y, u32 sample, u64 seed) {
+  return make_samplers<1>(kind, {x}, {y}, {sample}, seed).at(0);
 }
 
 // draw2 for all of a batch, in a loop that compilers turn into vectors.

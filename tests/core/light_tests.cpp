@@ -273,8 +273,6 @@ void few_lights_are_chosen_together() {
   CHECK(chosen > 10000 && none > 100);
 }
 
-// Each of 64 consecutive samples has its own 64th of the numbers that choose lights. So what is
-// left of them on either of two lights leaves no gap of more than two of these.
 // Lights from outside: sixteen numbers choose what each chooses alone, as often as it is said, and
 // what is left of them is spread evenly.
 void outside_lights_are_chosen_together() {
@@ -315,6 +313,8 @@ void outside_lights_are_chosen_together() {
   }
 }
 
+// Each of 64 consecutive samples has its own 64th of the numbers that choose lights. So what is
+// left of them on either of two lights leaves no gap of more than two of these.
 void light_numbers_stay_even() {
   for (int round = 0; round < 20; ++round) {
     const Triangles lights(2, 0.2f);
