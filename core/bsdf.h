@@ -36,11 +36,9 @@
 //     evaluate(f, from, to, wo, wi)
 //     choose(f, from, wo, u, wi)      the direction of a sample; false where the path ends
 //     gloss(f, wo), or, with tables, gloss(f, from, wo)      if it has any: Gloss (microfacet.h)
-//                           An opaque form with a matte part, which scatters by one factor of wo
-//                           and another of wi, may have
-//     let_out(f, wo)        the former, of wo.z alone; and, if it needs tables,
-//     matte(f, from, to, wo, wi)      what that part adds to the value. Without tables it is all
-//                           but a mirror image.
+//     let_out(f, wo)        of an opaque form that scatters, but for a mirror image, by one factor
+//                           of wo and another of wi: the former, of wo.z alone
+//     opaque = true         of a type through which light can pass, if none passes this form
 #pragma once
 #include "entry.h"
 #include "random.h"

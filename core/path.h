@@ -204,37 +204,43 @@ PH_INLINE void add_light(const RenderView& view, Paths& paths, u32 k, Vec3 radia
   paths.sum.set(k, paths.sum.at(k) + bounded(light, paths.depth[k] - 1, view.clamp_indirect));
 }
 
-// Adds what the surface that the path has met gives off, and returns it. texture: what the texture
-// of that has there, if it has one.
-PH_INLINE Vec3 add_emission(const SceneView& scene, const RenderView& view, const Surface& s,
-                            const Texel& texture, Paths& paths, u32 k) {
+// What the surface that the path has met gives off, and the density with which a light sample would
+// have found it. texture: what the texture of that has there, if it has one.
+PH_INLINE LightSight emission_seen(const SceneView& scene, const Surface& s, const Texel& texture,
+                                   const Paths& paths, u32 k) {
   const Vec3 direction = paths.direction.at(k);
   const bool front = dot(direction, s.normal) < 0.0f;
   const Vec3 shown =
       emits_texture(*s.material, front) ? max(texture.rgb, {0, 0, 0}) : Vec3{1, 1, 1};
   const Vec3 shine = emission(*s.material, s.color, front, shown);
-  if (!black(shine)) {
-    const float density =
-        paths.scatter_pdf[k] > 0.0f
-            ? emitter_pdf(scene, s, paths.receiver.at(k), paths.highlight_of(k), direction)
-            : 0.0f;
-    add_light(view, paths, k, shine, density);
-  }
-  return shine;
+  const bool asked = !black(shine) && paths.scatter_pdf[k] > 0.0f;
+  return {shine, asked
+                     ? emitter_pdf(scene, s, paths.receiver.at(k), paths.highlight_of(k), direction)
+                     : 0.0f};
+}
+// Adds it, and returns it.
+PH_INLINE Vec3 add_emission(const SceneView& scene, const RenderView& view, const Surface& s,
+                            const Texel& texture, Paths& paths, u32 k) {
+  const LightSight sight = emission_seen(scene, s, texture, paths, k);
+  if (!black(sight.radiance)) add_light(view, paths, k, sight.radiance, sight.pdf);
+  return sight.radiance;
 }
 
-// Adds what the path's ray, which leaves the scene, sees of a light from outside.
-PH_INLINE void add_outside(const SceneView& scene, const RenderView& view, u32 light, Paths& paths,
-                           u32 k) {
+// What the path's ray, which leaves the scene, sees of a light from outside, and the density with
+// which a light sample would have found it.
+PH_INLINE LightSight outside_seen(const SceneView& scene, u32 light, const Paths& paths, u32 k) {
   const LightRecord& record = scene.lights[light];
   const Vec3 direction = paths.direction.at(k);
-  const bool weighed = paths.scatter_pdf[k] > 0.0f && light < scene.smooth_first;
-  const LightSight sight = weighed
-                               ? light_seen(record, scene.tables, direction)
-                               : LightSight{light_radiance(record, scene.tables, direction), 0.0f};
-  if (black(sight.radiance)) return;
-  const float share = scene.outside_share * record.share;
-  add_light(view, paths, k, sight.radiance, weighed ? share * sight.pdf : 0.0f);
+  if (!(paths.scatter_pdf[k] > 0.0f) || light >= scene.smooth_first) {
+    return {light_radiance(record, scene.tables, direction), 0.0f};
+  }
+  const LightSight sight = light_seen(record, scene.tables, direction);
+  return {sight.radiance, scene.outside_share * record.share * sight.pdf};
+}
+PH_INLINE void add_outside(const SceneView& scene, const RenderView& view, u32 light, Paths& paths,
+                           u32 k) {
+  const LightSight sight = outside_seen(scene, light, paths, k);
+  if (!black(sight.radiance)) add_light(view, paths, k, sight.radiance, sight.pdf);
 }
 
 // How open the surroundings of the first surface are.

@@ -39,12 +39,13 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
     if (fate == Fate::scatters) meeting |= 1u << k;
     if (fate == Fate::ends) wave.alive &= ~(1u << k);
   });
+  if (wave.groups) keep_emission(scene, wave, v, meeting);
   wave.note_direct(alone);
   find_parameters(scene, p, meeting, v);
   Kinds kinds;
   u32 asking = 0;
   const u32 scattering = approach(scene, wave, v, meeting, kinds, asking, watch);
-  u32 joining = 0;
+  Joining joining;
   if (wave.groups) {
     joining = join_groups(wave, kinds, v);
     start_groups(wave, kinds, v);
@@ -55,18 +56,19 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   if (asks_for_light(scene)) {
     u32 lit = ask(scene, asking, draws, v);
     const u32 asked = lit;
-    if (lit != 0) lit = weigh(p, kinds, lit, v);
+    if (lit != 0) lit = weigh(p, kinds, lit, joining.glossy, v);
     for_each_bit(asked, [&](u32 k) {
       watch(Step::asks, wave, &v, k, Fate::scatters, (lit >> k & 1u) != 0);
     });
-    if (lit != 0) receive(scene, view, kinds.transmitting, lit, p, v, stats);
+    if (lit != 0) lit = receive(scene, view, kinds.transmitting, lit, p, v, stats);
+    if ((lit & joining.glossy) != 0) note_lights(wave, v, lit & joining.glossy);
     for_each_bit(scattering, [&](u32 k) { watch(Step::receives, wave, &v, k, Fate::scatters); });
     wave.note_direct(equal(1, p.depth) & scattering);
   }
   u32 mirrored = 0;
   const u32 on =
       scatter(scene, view, kinds, scattering, wave.alive & ~scattering, draws, v, p, mirrored);
-  if (wave.groups) divide_light(wave, kinds, v, joining, mirrored);
+  if (wave.groups) divide_light(wave, joining, mirrored);
   for_each_bit(scattering, [&](u32 k) {
     watch(Step::scatters, wave, &v, k, (on >> k & 1u) != 0 ? Fate::passes : Fate::ends);
   });

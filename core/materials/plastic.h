@@ -200,19 +200,6 @@ PH_INLINE Gloss gloss(const RoughPlastic<kDistribution>& m,
 }
 
 template <Facets kDistribution>
-inline float let_out(const RoughPlastic<kDistribution>& m, Vec3 wo) {
-  return to(m, wo).let_in;
-}
-template <Facets kDistribution>
-inline Vec3 matte(const RoughPlastic<kDistribution>& m,
-                  const typename RoughPlastic<kDistribution>::From& seen,
-                  const typename RoughPlastic<kDistribution>::To& to, Vec3 wo, Vec3 wi) {
-  const float same_side = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
-  const float cosine = cosine_hemisphere_pdf({wi.x, wi.y, abs(wi.z)}) * same_side;
-  return base_value(m.color, m.ior, m.nonlinear, seen.inside, seen.let_in * to.let_in, cosine);
-}
-
-template <Facets kDistribution>
 PH_INLINE LobeChances lobes(const RoughPlastic<kDistribution>& m,
                             const typename RoughPlastic<kDistribution>::From& seen) {
   const float coat = coat_chance(m.color, m.specular, seen.let_in);

@@ -198,6 +198,8 @@ struct PlainPrincipled {
   float metallic, roughness, ior;  // of the gloss, as scaled_index says
   Vec3 specular_color;
 
+  static constexpr bool opaque = true;
+
   struct From {
     float gain, gloss_share;
   };
@@ -265,15 +267,6 @@ PH_INLINE BsdfValue evaluate(const PlainPrincipled& m, const PlainPrincipled::Fr
 PH_INLINE Gloss gloss(const PlainPrincipled& m, const PlainPrincipled::From& seen, Vec3 wo) {
   const Base b = base(m, seen);
   return gloss_of(facets(m), b.mirror_share, b.matte_share, wo);
-}
-
-inline float let_out(const PlainPrincipled& m, Vec3 wo) {
-  return m.metallic < 1.0f ? 1.0f - coat_reflected(gloss_coat(facets(m), m.ior), wo) : 0.0f;
-}
-PH_INLINE Vec3 matte(const PlainPrincipled& m, const PlainPrincipled::From& seen,
-                     const PlainPrincipled::To&, Vec3 wo, Vec3 wi) {
-  const float above = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
-  return base(m, seen).matte * eval(Diffuse{m.color, 0.0f}, wo, wi) * above;
 }
 
 PH_INLINE bool choose(const PlainPrincipled& m, const PickedLobe& lobe, Vec3 wo, Vec3& wi) {

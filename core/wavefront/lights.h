@@ -137,8 +137,20 @@ PH_APART inline u32 weigh_lights(u32 lanes, Vertices& v) {
   return having(1, bright, lanes);
 }
 
-// How much of the light surfaces scatter towards wo; returns the lanes of those that do any.
-inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v) {
+// Of some lanes those whose light comes from the side that is seen.
+PH_APART inline u32 lit_in_front(const Paths& __restrict paths, u32 lanes,
+                                 const Vertices& __restrict v) {
+  u32 front[kBatch];
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Vec3 normal = v.normal.at(k);
+    front[k] = dot(paths.direction.at(k), normal) * dot(v.to_light.at(k), normal) < 0.0f ? 1 : 0;
+  }
+  return having(1, front, lanes);
+}
+
+// How much of the light surfaces scatter towards wo; returns the lanes of those that do any, and of
+// those of `shared` that may do so towards elsewhere.
+inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, u32 shared, Vertices& v) {
   const u32 lit = look_towards_lights(paths, lanes, v);
   for_each_kind(kinds, [&]<class Material>(u32 own) {
     plain_and_others<Material>(
@@ -159,7 +171,11 @@ inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, Vertices& v)
           }
         });
   });
-  return weigh_lights(lit, v);
+  const u32 bright = weigh_lights(lit, v);
+  if ((shared & lanes) == 0) return bright;
+  const u32 front = lit_in_front(paths, shared & lanes, v);
+  for_each_bit(front & ~bright, [&](u32 k) { v.value.set(k, Vec3{0, 0, 0}); });
+  return bright | front;
 }
 
 // Rays from surfaces towards their lights.
@@ -182,10 +198,9 @@ PH_APART inline void find_shadow_rays(const Vertices& __restrict v, ShadowRays& 
 }
 
 // What arrives, before and after bodies take their part.
-PH_APART inline void find_received(const Rows<Vec3, kBatch>& __restrict through,
-                                   const Vertices& __restrict v,
+PH_APART inline void find_received(const Vertices& __restrict v,
                                    Rows<Vec3, kBatch>& __restrict received) {
-  for (u32 k = 0; k < kBatch; ++k) received.set(k, v.value.at(k) * through.at(k) * v.scale[k]);
+  for (u32 k = 0; k < kBatch; ++k) received.set(k, v.value.at(k) * v.through.at(k) * v.scale[k]);
 }
 PH_APART inline void add_received(const u32 (&__restrict these)[kBatch], float most_indirect,
                                   const Rows<Vec3, kBatch>& __restrict received,
@@ -197,20 +212,20 @@ PH_APART inline void add_received(const u32 (&__restrict these)[kBatch], float m
   }
 }
 
-// Adds the light that arrives at some surfaces, through the bodies that it reaches them in.
-inline void receive(const SceneView& scene, const RenderView& view, u32 transmitting, u32 lanes,
-                    Paths& p, const Vertices& v, PathStats& stats) {
+// Adds the light that arrives at some surfaces, through the bodies that it reaches them in; returns
+// the lanes of those where it does.
+inline u32 receive(const SceneView& scene, const RenderView& view, u32 transmitting, u32 lanes,
+                   Paths& p, Vertices& v, PathStats& stats) {
   ShadowRays rays;
   find_shadow_rays(v, rays);
-  Rows<Vec3, kBatch> through;
-  for (u32 k = 0; k < kBatch; ++k) through.set(k, Vec3{1, 1, 1});
+  for (u32 k = 0; k < kBatch; ++k) v.through.set(k, Vec3{1, 1, 1});
   u32 arriving = 0;
   const auto ray_at = [&](u32 k) { return rays.at(k, p, v); };
   if (scene.has_holes) {
     for_each_bit(lanes, [&](u32 k) {
-      through.set(k, transmittance(scene, ray_at(k), v.light_distance[k], v.light_slot[k],
-                                   view.tree, stats));
-      if (!black(through.at(k))) arriving |= 1u << k;
+      v.through.set(k, transmittance(scene, ray_at(k), v.light_distance[k], v.light_slot[k],
+                                     view.tree, stats));
+      if (!black(v.through.at(k))) arriving |= 1u << k;
     });
   } else {
     stats.rays += compiler::ones(lanes);
@@ -221,9 +236,9 @@ inline void receive(const SceneView& scene, const RenderView& view, u32 transmit
     });
     arriving = lanes & ~hidden;
   }
-  if (arriving == 0) return;
+  if (arriving == 0) return 0;
   Rows<Vec3, kBatch> received;
-  find_received(through, v, received);
+  find_received(v, received);
   for_each_bit(arriving, [&](u32 k) {
     const float wo_z = v.local_wo.at(k).z, distance = v.light_distance[k];
     const bool crosses = (transmitting >> k & 1u) != 0 && v.local_wi.at(k).z * wo_z < 0.0f;
@@ -238,6 +253,7 @@ inline void receive(const SceneView& scene, const RenderView& view, u32 transmit
   u32 these[kBatch];
   spread(arriving, these);
   add_received(these, view.clamp_indirect, received, p);
+  return arriving;
 }
 
 }  // namespace parhelion::PH_ISA

@@ -160,7 +160,11 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
       if (plain == 0) return;
       if constexpr (NeedsTables<Form>) look_up_from<Form>(plain, v);
       if constexpr (HasGloss<Form>) {
-        if (chooses_lights(scene)) for_each_bit(plain, [&](u32 k) { turn_to_gloss<Form>(k, v); });
+        // Where others may see the same light it must be as likely for all (reuse.h).
+        const u32 shared = wave.groups ? equal(2, p.depth) : 0;
+        if (chooses_lights(scene)) {
+          for_each_bit(plain & ~shared, [&](u32 k) { turn_to_gloss<Form>(k, v); });
+        }
       }
     });
   });

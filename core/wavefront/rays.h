@@ -3,6 +3,7 @@
 #include "../packet.h"
 #include "../ray_batch.h"
 #include "backgrounds.h"
+#include "reuse.h"
 #include "watch.h"
 
 namespace parhelion::PH_ISA {
@@ -80,6 +81,7 @@ inline void trace(const SceneView& scene, const RenderView& view, Wave& wave, bo
   stats.rays += compiler::ones(wave.alive);
   const u32 left = equal(kNone, p.slot.leaf) & wave.alive;
   if (left != 0) add_backgrounds(scene, view, left, p);
+  if (wave.groups) keep_sights(scene, wave, left);
   for_each_bit(left, [&](u32 k) { watch(Step::leaves, wave, nullptr, k, Fate::ends); });
   wave.note_direct(left);
   wave.alive &= ~left;

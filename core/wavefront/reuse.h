@@ -5,13 +5,16 @@
 // can be seen from the first surfaces of the others, too, where nothing lies in between, or nothing
 // but holes. By the balance heuristic each of them gets its share: its own density of going there,
 // past these, over the sum of all that could. What is clear lies in nobody's way, as it colours.
-// First surfaces are opaque ones in plain forms. Of second ones it is the matte part that is
-// shared, which sends the same light towards everywhere, but for what a boundary above lets out
-// there (let_out in bsdf.h). What is glossy there or was mirrored by either of the two stays with
-// its path, and so does all that other paths have found. Who shares what depends on the two
-// surfaces alone, never on which way a path went on from the first or what it found beyond the
-// second, or means would differ. (But for the width at which a texture of the second is seen, that
-// of the path which was there.)
+// Both surfaces are opaque ones in plain forms. A matte second surface sends the same light towards
+// everywhere, but for what a boundary above lets out there (let_out in bsdf.h). Of any other it is
+// worked out what it scatters towards each of the first ones, of a light sample and of what came
+// from where its path went on; the latter by the joint density of going to the second surface and
+// on from there. Light samples and lights that were met are weighed against each other as if each
+// path had been there. What was mirrored by either of the two surfaces stays with its path, and so
+// does all that other paths have found. Who shares what depends on the surfaces and the way between
+// them alone, and which light the second asks not even on where it is seen from, or weights would
+// not add up to one and means would differ. (But for the width at which a texture of the second is
+// seen, that of the path which was there.)
 #pragma once
 #include "../ray_batch.h"
 #include "kinds.h"
@@ -23,8 +26,9 @@ inline constexpr u32 kReused = kBatch;
 // Of the least of red, green and blue that a first surface scatters: less does not tell what came.
 inline constexpr float kLeastShare = 1.0f / 256.0f;
 
+// Forms that scatter alike towards everywhere, but for a mirror image and what they let out there.
 template <class Form>
-concept HasMatte = requires(const Form& f, Vec3 wo) { let_out(f, wo); };
+concept IsMatte = requires(const Form& f, Vec3 wo) { let_out(f, wo); };
 
 struct PathGroup {
   u32 x[kReused], y[kReused], sample, count;
@@ -45,19 +49,46 @@ struct PathGroup {
   Rows<Vec3, kReused> end, end_side, end_facing;
   Slot end_slot[kReused];
   u32 end_front;  // those of them, as bits, that were met on their front
-  // What paths have gathered: what is theirs alone, and what the second surface's matte part has
-  // scattered; and what share of the rest it will have.
-  Rows<Vec3, kReused> own, shared, onward;
+  u32 bends;      // and those whose normals may be bent otherwise towards each that sees them
+  u32 matte;      // those that scatter alike towards all, and from which a path has gone on
+  // Of the others, which scatter otherwise towards each, the frames; bits in `lit` for those that a
+  // light sample has reached: the way to the light, its density, which does not count for `delta`
+  // ones, and what has reached them over that, as much as their paths bring of it; in `sends` for
+  // those from which a path has gone on: where to; in `deep` if it has met a surface there; in
+  // `meets` if that or the surroundings shine: as much as the path brings of it, and the density of
+  // light samples there, or 0.
+  u32 lit, delta, sends, deep, meets;
+  Rows<Frame, kReused> end_frame;
+  Rows<Vec3, kReused> to_light, light, beyond, met;
+  float light_pdf[kReused], met_pdf[kReused];
+  // What paths have gathered: what is theirs alone, what is shared of the second surface, and what
+  // light samples there and what has been met have brought.
+  Rows<Vec3, kReused> own, shared, weighed;
 
   PH_INLINE void clear() {
-    count = going = starts = mirrored = joins = end_front = 0;
+    count = going = starts = mirrored = joins = end_front = bends = matte = 0;
+    lit = delta = sends = deep = meets = 0;
     kinds = end_kinds = {};
-    own = shared = onward = {};
+    own = shared = weighed = {};
   }
 };
 
 PH_INLINE PathGroup& group_of(const Wave& wave, u32 k) {
   return wave.groups[wave.paths.tag[k] / kReused];
+}
+
+// Component by component; 0 where there is nothing.
+PH_INLINE Vec3 ratio(Vec3 a, Vec3 b) {
+  const auto over = [](float x, float y) { return y > 0.0f ? x / y : 0.0f; };
+  return {over(a.x, b.x), over(a.y, b.y), over(a.z, b.z)};
+}
+
+// Of f for each of some bits.
+template <class F>
+PH_INLINE float sum_over(u32 bits, F&& f) {
+  float sum = 0.0f;
+  for_each_bit(bits, [&](u32 i) { sum += f(i); });
+  return sum;
 }
 
 // Calls f.operator()<Form>(number, lanes) for each plain form that lets no light through, and those
@@ -67,25 +98,24 @@ PH_INLINE void for_each_opaque_form(const Kinds& kinds, F&& f) {
   for_each_kind(kinds, [&]<class Material>(u32 own) {
     for_each_plain_form<Material>([&]<class Form>(u32 number) {
       const u32 these = own & kinds.plain[number];
-      if constexpr (!kTransmits<Material> || HasMatte<Form>) {
+      if constexpr (!kTransmits<Material> || requires { Form::opaque; }) {
         if (these != 0) f.template operator()<Form>(number, these);
       }
     });
   });
 }
-// Of those, for each that may share its light.
-template <class F>
-PH_INLINE void for_each_matte_form(const Kinds& kinds, F&& f) {
-  for_each_opaque_form(kinds, [&]<class Form>(u32 number, u32 lanes) {
-    if constexpr (HasMatte<Form>) f.template operator()<Form>(number, lanes);
-  });
-}
 
-// Notes the second surfaces of paths before light is added there; returns those paths.
-inline u32 join_groups(Wave& wave, const Kinds& kinds, const Vertices& v) {
+// Paths that are at their second surfaces and share these, as bits; and those of them where that is
+// not matte.
+struct Joining {
+  u32 all = 0, glossy = 0;
+};
+
+// Notes the second surfaces of paths before light is added there.
+inline Joining join_groups(Wave& wave, const Kinds& kinds, const Vertices& v) {
   Paths& p = wave.paths;
-  u32 joining = 0;
-  for_each_matte_form(kinds, [&]<class Form>(u32 number, u32 lanes) {
+  Joining joining;
+  for_each_opaque_form(kinds, [&]<class Form>(u32 number, u32 lanes) {
     for_each_bit(lanes, [&](u32 k) {
       // Shadow rays to a point pass the primitive that it lies on.
       if (p.depth[k] != 2 || may_hide_itself(leaf_kind(p.slot.at(k).leaf))) return;
@@ -102,12 +132,33 @@ inline u32 join_groups(Wave& wave, const Kinds& kinds, const Vertices& v) {
       g.end_facing.set(i, v.shading.at(k) * side);
       g.end_slot[i] = p.slot.at(k);
       g.end_front |= v.front[k] != 0 ? bit : 0;
+      // What is matte sends the same light towards all that see it with the same normal.
+      g.bends |= !IsMatte<Form> && (v.traits[k] & kUsesUv) == 0 ? bit : 0;
+      g.end_frame.set(i, v.frame.at(k));
       g.own.set(i, p.sum.at(k));
       p.sum.set(k, Vec3{0, 0, 0});
-      joining |= 1u << k;
+      joining.all |= 1u << k;
+      if (!IsMatte<Form>) joining.glossy |= 1u << k;
     });
   });
   return joining;
+}
+
+// Notes what light samples have brought to some of these, before their paths go on.
+inline void note_lights(Wave& wave, const Vertices& v, u32 lanes) {
+  Paths& p = wave.paths;
+  for_each_bit(lanes, [&](u32 k) {
+    PathGroup& g = group_of(wave, k);
+    const u32 i = p.tag[k] % kReused, bit = 1u << i;
+    g.lit |= bit;
+    g.delta |= v.light_delta[k] != 0 ? bit : 0;
+    g.to_light.set(i, v.to_light.at(k));
+    const Vec3 arrived = v.radiance.at(k) * v.through.at(k) * (1.0f / v.light_pdf[k]);
+    g.light.set(i, p.throughput.at(k) * arrived);
+    g.light_pdf[i] = v.light_pdf[k];
+    g.weighed.set(i, p.sum.at(k));
+    p.sum.set(k, Vec3{0, 0, 0});
+  });
 }
 
 // Notes the first surfaces of paths before they go on from there.
@@ -137,72 +188,94 @@ inline void start_groups(const Wave& wave, const Kinds& kinds, const Vertices& v
   });
 }
 
-// What share of the light that a surface scatters from wo towards wi its matte part does.
-template <HasMatte Form>
-PH_INLINE Vec3 matte_share(const PlainSurfaces& v, u32 k, Vec3 wi) {
-  static_assert(NeedsTables<Form> || !HasGloss<Form>, "what is glossy has to be told apart");
-  if constexpr (NeedsTables<Form>) {
-    const Form form = v.plain.at<Form>(k);
-    const auto seen = v.from.at<typename Form::From>(k);
-    const auto tables = to(form, wi);
-    const Vec3 wo = v.local_wo.at(k), part = matte(form, seen, tables, wo, wi);
-    const Vec3 all = evaluate(form, seen, tables, wo, wi).value;
-    const auto share = [](float a, float b) { return b > 0.0f ? min(a / b, 1.0f) : 1.0f; };
-    return {share(part.x, all.x), share(part.y, all.y), share(part.z, all.z)};
-  }
-  return {1, 1, 1};
-}
-
-// Takes what paths that have just joined gathered at their second surfaces apart, and notes which
-// have been mirrored.
-inline void divide_light(Wave& wave, const Kinds& kinds, const Vertices& v, u32 joining,
-                         u32 mirrored) {
+// Takes what paths that have just joined gathered at matte second surfaces, and notes which way
+// others go on from theirs; and which paths the first surfaces have mirrored.
+inline void divide_light(Wave& wave, const Joining& joining, u32 mirrored) {
   Paths& p = wave.paths;
   for_each_bit(mirrored, [&](u32 k) {
     if (p.depth[k] == 2) group_of(wave, k).mirrored |= 1u << p.tag[k] % kReused;
   });
-  for_each_matte_form(kinds, [&]<class Form>(u32, u32 lanes) {
-    for_each_bit(lanes & joining, [&](u32 k) {
-      PathGroup& g = group_of(wave, k);
-      const u32 i = p.tag[k] % kReused;
-      const Vec3 light = p.sum.at(k);
-      const Vec3 shared = black(light) ? light : light * matte_share<Form>(v, k, v.local_wi.at(k));
-      g.shared.set(i, shared);
-      g.own.set(i, g.own.at(i) + (light - shared));
+  for_each_bit(joining.all, [&](u32 k) {
+    PathGroup& g = group_of(wave, k);
+    const u32 i = p.tag[k] % kReused, scattered = (~mirrored >> k & 1u) << i;
+    if ((joining.glossy >> k & 1u) != 0) {
+      g.sends |= scattered;
+      g.beyond.set(i, p.direction.at(k));
+    } else {
+      g.matte |= scattered;
+      g.shared.set(i, p.sum.at(k));
       p.sum.set(k, Vec3{0, 0, 0});
-      if ((mirrored >> k & 1u) != 0) return;
-      g.onward.set(i, matte_share<Form>(v, k, to_local(v.frame.at(k), p.direction.at(k))));
-    });
+    }
+  });
+}
+
+// What shines where a path has come to that its glossy second surface has sent on.
+PH_INLINE void note_met(PathGroup& g, u32 i, Paths& p, u32 k, const LightSight& sight) {
+  g.meets |= 1u << i;
+  g.met.set(i, p.throughput.at(k) * sight.radiance);
+  g.met_pdf[i] = sight.pdf;
+  g.weighed.set(i, g.weighed.at(i) + p.sum.at(k));
+  p.sum.set(k, Vec3{0, 0, 0});
+}
+// Calls f(group, i, k) for those of some lanes that are such paths.
+template <class F>
+PH_INLINE void for_each_sent(Wave& wave, u32 lanes, F&& f) {
+  for_each_bit(equal(3, wave.paths.depth) & lanes, [&](u32 k) {
+    PathGroup& g = group_of(wave, k);
+    const u32 i = wave.paths.tag[k] % kReused;
+    if ((g.sends >> i & 1u) != 0) f(g, i, k);
+  });
+}
+// At the surfaces that they meet. What shines past holes on the way there is weighed by densities
+// of its own, and stays with the path; so is what they see of several lights where they leave.
+inline void keep_emission(const SceneView& scene, Wave& wave, const Vertices& v, u32 lanes) {
+  Paths& p = wave.paths;
+  for_each_sent(wave, lanes, [&](PathGroup& g, u32 i, u32 k) {
+    g.deep |= 1u << i;
+    if (black(p.sum.at(k))) return;
+    if (scene.has_holes) {
+      g.own.set(i, g.own.at(i) + p.sum.at(k));
+      p.sum.set(k, Vec3{0, 0, 0});
+    } else {
+      note_met(g, i, p, k, emission_seen(scene, v.surface(k, p.slot.at(k)), v.emission[k], p, k));
+    }
+  });
+}
+inline void keep_sights(const SceneView& scene, Wave& wave, u32 lanes) {
+  if (scene.has_holes || scene.light_count != scene.outside_first + 1) return;
+  Paths& p = wave.paths;
+  for_each_sent(wave, lanes, [&](PathGroup& g, u32 i, u32 k) {
+    if (!black(p.sum.at(k))) note_met(g, i, p, k, outside_seen(scene, scene.outside_first, p, k));
   });
 }
 
 // Notes what a path has gathered that ends; true for the last of its group.
 PH_INLINE bool leave_group(PathGroup& g, u32 i, Vec3 light) {
-  const Vec3 shared = light * g.onward.at(i);
-  g.shared.set(i, g.shared.at(i) + shared);
-  g.own.set(i, g.own.at(i) + (light - shared));
+  Rows<Vec3, kReused>& to = ((g.matte | g.deep) >> i & 1u) != 0 ? g.shared : g.own;
+  to.set(i, to.at(i) + light);
   return --g.going == 0;
 }
 
 // Ways from all first surfaces of a group to one of the second: the density of going there, per
-// area, 0 where that could not be, and what share of the second surface's light goes on.
+// area, 0 where that could not be, and what share of the light that comes from there goes on.
 struct Ways {
   Rows<Vec3, kReused> direction, share;
   float distance[kReused], density[kReused];
   float per_angle[kReused];  // density per area over that per solid angle; 0 as above
   float cosine[kReused];     // at the second surface, in its frame
-  float let_out[kReused] = {};
+  float let_out[kReused];    // of its light, if it is matte
 };
 
 PH_APART inline void find_ways(PathGroup& __restrict g, u32 j, Ways& __restrict ways) {
   const Vec3 end = g.end.at(j), end_side = g.end_side.at(j), end_facing = g.end_facing.at(j);
+  const bool bends = (g.bends >> j & 1u) != 0;
   for (u32 i = 0; i < kReused; ++i) {
     const Vec3 way = end - g.start.at(i);
     const float square = dot(way, way), distance = sqrt(square);
     const Vec3 direction = renormalize(way * (1.0f / distance));
     const float leaves = dot(direction, g.facing.at(i)), arrives = -dot(direction, end_side);
     // Where the second surface's normal would be bent it sends another light.
-    const bool same = !is_bent(end_facing, end_side, -direction);
+    const bool same = bends | !is_bent(end_facing, end_side, -direction);
     const bool can =
         same & (leaves > 0.0f) & (arrives > 0.0f) & (dot(direction, g.side.at(i)) > 0.0f);
     g.first.local_wi.set(i, to_local(g.first.frame.at(i), direction));
@@ -210,17 +283,69 @@ PH_APART inline void find_ways(PathGroup& __restrict g, u32 j, Ways& __restrict 
     ways.distance[i] = distance;
     ways.per_angle[i] = can ? arrives / square : 0.0f;
     ways.cosine[i] = -dot(direction, end_facing);
+    ways.let_out[i] = 1.0f;
   }
 }
 
-template <HasMatte Form>
-PH_APART inline void find_let_out(const Form& form, u32 lanes, Ways& __restrict ways) {
-  if constexpr (NeedsTables<Form>) {
-    for_each_bit(lanes,
-                 [&](u32 i) { ways.let_out[i] = let_out(form, Vec3{0, 0, ways.cosine[i]}); });
-  } else {
-    for (u32 i = 0; i < kReused; ++i) ways.let_out[i] = let_out(form, Vec3{0, 0, ways.cosine[i]});
+template <IsMatte Form>
+PH_APART inline void find_let_out(const Form& form, Ways& __restrict ways) {
+  for (u32 i = 0; i < kReused; ++i) ways.let_out[i] = let_out(form, Vec3{0, 0, ways.cosine[i]});
+}
+
+// What a second surface scatters along all ways of the light that one direction brings, and how
+// likely a path that comes along each is to go on there.
+struct Sent {
+  Rows<Vec3, kReused> value;
+  float pdf[kReused];
+};
+
+// As find_frames() does (materials.h).
+PH_APART inline void bend_along(const PathGroup& __restrict g, u32 j, const Ways& __restrict ways,
+                                PlainSurfaces& __restrict seen) {
+  const float side = (g.end_front >> j & 1u) != 0 ? 1.0f : -1.0f;
+  const Vec3 n = g.end_facing.at(j) * side, normal = g.end_side.at(j) * side;
+  for (u32 i = 0; i < kReused; ++i) {
+    Frame f = frame_around(bent_normal(n, normal, -ways.direction.at(i)));
+    f.y *= side;
+    f.z *= side;
+    seen.frame.set(i, f);
   }
+}
+PH_APART inline void see_along(const Ways& __restrict ways, Vec3 wi,
+                               PlainSurfaces& __restrict seen) {
+  for (u32 i = 0; i < kReused; ++i) {
+    const Frame frame = seen.frame.at(i);
+    seen.local_wo.set(i, to_local(frame, -ways.direction.at(i)));
+    seen.local_wi.set(i, to_local(frame, wi));
+  }
+}
+PH_APART inline void find_above(const PlainSurfaces& __restrict seen, Sent& __restrict sent) {
+  for (u32 i = 0; i < kReused; ++i) {
+    const BsdfValue f = seen.scattered.at(i);
+    const bool above = seen.local_wo.at(i).z * seen.local_wi.at(i).z > 0.0f;
+    sent.value.set(i, select(above, f.value, Vec3{0, 0, 0}));
+    sent.pdf[i] = above ? f.pdf : 0.0f;
+  }
+}
+template <class Form>
+inline void find_sent(const PathGroup& g, u32 j, Vec3 wi, const Ways& ways, u32 lanes, Sent& sent) {
+  PlainSurfaces seen = {};
+  const Form form = g.end_plain.at<Form>(j);
+  for (u32 i = 0; i < kReused; ++i) {
+    seen.plain.set(i, form);
+    seen.frame.set(i, g.end_frame.at(j));
+  }
+  if ((g.bends >> j & 1u) != 0) bend_along(g, j, ways, seen);
+  see_along(ways, wi, seen);
+  Rows<TableBlock, kReused> tables = {};
+  if constexpr (NeedsTables<Form>) {
+    look_up_from<Form>(lanes, seen);
+    look_up<Form>(lanes, seen, seen.local_wi, tables);
+  }
+  u32 these[kReused];
+  spread(lanes, these);
+  value_of_plain<Form>(these, tables, seen);
+  find_above(seen, sent);
 }
 
 PH_APART inline void weigh_ways(const PathGroup& __restrict g, Ways& __restrict ways) {
@@ -232,7 +357,7 @@ PH_APART inline void weigh_ways(const PathGroup& __restrict g, Ways& __restrict 
     const bool can = (min(share.x, min(share.y, share.z)) >= kLeastShare) &
                      (share.x + share.y + share.z < kInfinity) & (density > 0.0f) &
                      (density < kInfinity) & (ways.let_out[i] > 0.0f);
-    ways.share.set(i, share * ways.let_out[i]);
+    ways.share.set(i, share);
     ways.density[i] = can ? density : 0.0f;
   }
 }
@@ -269,19 +394,67 @@ PH_INLINE u32 open_ways(const SceneView& scene, const RenderView& view, const Pa
   return passed;
 }
 
+// What a second surface j sends along those ways that are `seen`: light that has been found from a
+// matte one on, that a sample has brought to another, and that was found where a path went on from
+// there. Each gets it as its own path would have, by its share of the densities.
+PH_INLINE void share_matte(const PathGroup& g, u32 j, u32 seen, const Ways& ways,
+                           float most_indirect, Vec3 (&radiance)[kReused]) {
+  const float sum = sum_over(seen, [&](u32 i) { return ways.density[i]; });
+  const Vec3 found = g.shared.at(j), own = ways.share.at(j) * ways.let_out[j];
+  for_each_bit(seen, [&](u32 i) {
+    const Vec3 light = found * ratio(ways.share.at(i) * ways.let_out[i], own);
+    radiance[i] += bounded(light * (ways.density[i] / sum), 2, most_indirect);
+  });
+}
+PH_INLINE void share_sampled(const PathGroup& g, u32 j, u32 seen, const Ways& ways,
+                             const Sent& sent, float most_indirect, Vec3 (&radiance)[kReused]) {
+  const float sum = sum_over(seen, [&](u32 i) { return ways.density[i]; });
+  const bool delta = (g.delta >> j & 1u) != 0;
+  const Vec3 own = ways.share.at(j);
+  for_each_bit(seen, [&](u32 i) {
+    const float weight = delta ? 1.0f : power_heuristic(g.light_pdf[j], sent.pdf[i]);
+    const Vec3 light = g.light.at(j) * weight * sent.value.at(i) * ratio(ways.share.at(i), own);
+    radiance[i] += bounded(light * (ways.density[i] / sum), 2, most_indirect);
+  });
+}
+PH_INLINE void share_sent(const PathGroup& g, u32 j, u32 seen, const Ways& ways, const Sent& sent,
+                          float most_indirect, Vec3 (&radiance)[kReused]) {
+  const float sum = sum_over(seen, [&](u32 i) { return ways.density[i] * sent.pdf[i]; });
+  const bool meets = (g.meets >> j & 1u) != 0;
+  const Vec3 found = g.shared.at(j), own = ways.share.at(j) * sent.value.at(j);
+  for_each_bit(seen, [&](u32 i) {
+    const float asked = g.met_pdf[j];
+    const float weight = asked > 0.0f ? power_heuristic(sent.pdf[i], asked) : 1.0f;
+    const Vec3 all = meets ? found + g.met.at(j) * weight : found;
+    const Vec3 light = all * ratio(ways.share.at(i) * sent.value.at(i), own);
+    radiance[i] += bounded(light * (ways.density[i] * sent.pdf[j] / sum), 2, most_indirect);
+  });
+}
+
 // What the samples of a group bring, all of whose paths have ended.
 inline void share_out(const SceneView& scene, const RenderView& view, PathGroup& g,
                       Vec3 (&radiance)[kReused], PathStats& stats) {
   for (u32 i = 0; i < g.count; ++i) radiance[i] = g.own.at(i);
   for_each_bit(g.joins, [&](u32 j) {
     const Vec3 shared = g.shared.at(j);
-    if (black(shared)) return;
+    const bool lit = (g.lit >> j & 1u) != 0, meets = (g.meets >> j & 1u) != 0;
+    const bool found = meets || !black(shared);
+    if (!found && !lit) return;
     Ways ways;
     find_ways(g, j, ways);
     u32 facing = 0;
     for_each_bit(g.starts, [&](u32 i) { facing |= (ways.per_angle[i] > 0.0f ? 1u : 0u) << i; });
-    for_each_matte_form(g.end_kinds, [&]<class Form>(u32, u32 these) {
-      if ((these >> j & 1u) != 0) find_let_out(g.end_plain.at<Form>(j), facing, ways);
+    bool matte = false;
+    Sent of_sample, of_found;
+    for_each_opaque_form(g.end_kinds, [&]<class Form>(u32, u32 these) {
+      if ((these >> j & 1u) == 0) return;
+      if constexpr (IsMatte<Form>) {
+        matte = true;
+        find_let_out(g.end_plain.at<Form>(j), ways);
+      } else {
+        if (lit) find_sent<Form>(g, j, g.to_light.at(j), ways, facing, of_sample);
+        if (found) find_sent<Form>(g, j, g.beyond.at(j), ways, facing, of_found);
+      }
     });
     for_each_opaque_form(g.kinds, [&]<class Form>(u32, u32 lanes) {
       Rows<TableBlock, kReused> tables = {};
@@ -293,19 +466,18 @@ inline void share_out(const SceneView& scene, const RenderView& view, PathGroup&
       value_of_plain<Form>(these, tables, g.first);
     });
     weigh_ways(g, ways);
-    const u32 seen = finite(shared) ? open_ways(scene, view, g, j, facing, ways, stats) : 0;
+    const bool known = finite(shared) && (!lit || finite(g.light.at(j))) &&
+                       (!meets || finite(g.met.at(j))) &&
+                       (matte || !found || (of_found.pdf[j] > 0.0f && of_found.pdf[j] < kInfinity));
+    const u32 seen = known ? open_ways(scene, view, g, j, facing, ways, stats) : 0;
     if ((seen >> j & 1u) == 0) {
-      radiance[j] += shared;
+      radiance[j] += shared + g.weighed.at(j);
       return;
     }
-    float sum = ways.density[j];
-    for_each_bit(seen & ~(1u << j), [&](u32 i) { sum += ways.density[i]; });
-    const Vec3 own = ways.share.at(j);
-    const Vec3 light = {shared.x / own.x, shared.y / own.y, shared.z / own.z};
-    for_each_bit(seen, [&](u32 i) {
-      radiance[i] +=
-          bounded(ways.share.at(i) * light * (ways.density[i] / sum), 2, view.clamp_indirect);
-    });
+    const float most = view.clamp_indirect;
+    if (matte) return share_matte(g, j, seen, ways, most, radiance);
+    if (lit) share_sampled(g, j, seen, ways, of_sample, most, radiance);
+    if (found) share_sent(g, j, seen, ways, of_found, most, radiance);
   });
 }
 

@@ -81,7 +81,8 @@ struct Vertices : PlainSurfaces {
   Slot light_slot[kBatch];
   // Of the light's radiance, local_wi being towards it: what is scattered towards wo
   Rows<Vec3, kBatch> value;
-  float scale[kBatch];  // its weight over its density
+  float scale[kBatch];         // its weight over its density
+  Rows<Vec3, kBatch> through;  // what share of it gets here
 
   PH_INLINE void set_surface(u32 k, const Surface& s) {
     point.set(k, s.point);

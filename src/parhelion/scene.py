@@ -336,11 +336,11 @@ class Settings:
     comes from there; things are lit by that light all the same. clamp_indirect: the largest
     radiance that light may bring to a sample after it was scattered more than once, None for any;
     it takes fireflies away, and the picture is darker than the truth then. reuse_paths: pixels use
-    the light that paths of others close by have found, on the second surface if it is matte, under
-    gloss or not, and from there on (Bekaert, Sbert and Halton, "Accelerating Path Tracing by
-    Re-Using Paths", 2002): much less noise where light has been around, for more time a sample; the
-    mean is the same. "auto" looks at parts of the picture for whether that pays; pictures of less
-    than 64 squares of 16x16 pixels are not looked at, and share none.
+    the light that paths of others close by have found, on the second surface and from there on
+    (Bekaert, Sbert and Halton, "Accelerating Path Tracing by Re-Using Paths", 2002): much less
+    noise where light has been around, for more time a sample; the mean is the same. "auto" looks
+    at parts of the picture for whether that pays; pictures of less than 64 squares of 16x16 pixels
+    are not looked at, and share none.
     """
 
     width: int = 640

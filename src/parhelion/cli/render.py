@@ -89,8 +89,8 @@ def add_picture(p: argparse.ArgumentParser) -> None:
         "--reuse-paths",
         action=argparse.BooleanOptionalAction,
         default=None,
-        help="pixels use the light that paths of others close by have found on matte surfaces: much"
-        " less noise in rooms and halls, for more time a sample; default: where that pays",
+        help="pixels use the light that paths of others close by have found beyond what is seen:"
+        " much less noise in rooms and halls, for more time a sample; default: where that pays",
     )
     picture.add_argument("--max-depth", type=int, metavar="N", help="rays in a path, at most")
     picture.add_argument("--seed", type=int, metavar="N", help="of all random numbers")

@@ -524,7 +524,7 @@ class Settings(Struct, forbid_unknown_fields=True):
     reuse_paths: Annotated[
         bool | Literal["auto"],
         _doc(
-            "pixels use the light that paths of others close by have found on matte surfaces; "
+            "pixels use the light that paths of others close by have found beyond what is seen; "
             "auto: where that pays"
         ),
     ] = model.Settings.reuse_paths
