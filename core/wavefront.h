@@ -43,18 +43,19 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   wave.note_direct(alone);
   find_parameters(scene, p, meeting, v);
   Kinds kinds;
-  u32 asking = 0;
-  const u32 scattering = approach(scene, wave, v, meeting, kinds, asking, watch);
+  u32 rough = 0;
+  const u32 alike = wave.groups ? at_second(wave, meeting) : 0;
+  const u32 scattering = approach(scene, wave, v, meeting, alike, kinds, rough, watch);
   Joining joining;
   if (wave.groups) {
     joining = join_groups(wave, kinds, v);
-    start_groups(wave, kinds, v);
+    start_groups(wave, kinds, rough, v);
   }
   if (scattering == 0) return;
   BounceDraws draws = {};
   draw_bounces(p, kinds, asks_for_light(scene), draws);
   if (asks_for_light(scene)) {
-    u32 lit = ask(scene, asking, draws, v);
+    u32 lit = ask(scene, rough, draws, v);
     const u32 asked = lit;
     if (lit != 0) lit = weigh(p, kinds, lit, joining.glossy, v);
     for_each_bit(asked, [&](u32 k) {

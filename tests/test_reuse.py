@@ -141,8 +141,17 @@ def bright() -> ph.Prepared:
     )
 
 
+def with_mirrors() -> ph.Prepared:
+    """The empty room by way of a mirror, on the left, and through a pane, on the right."""
+    mirror = quad((-0.95, 0.2, -0.6), (0.9, 0, 0), (0, 1.5, 0), ph.Material("conductor"))
+    pane = quad((0.05, 0.2, 0), (0.9, 0, 0), (0, 1.5, 0), ph.Material("thin_dielectric"))
+    shapes = [*room(False).scene.shapes, mirror, pane]
+    return ph.prepare(room(False).scene.replace(shapes=shapes))
+
+
 SCENES = {
     "empty": lambda: room(False),
+    "mirrors": with_mirrors,
     "things": lambda: room(True),
     "holes": with_holes,
     "bright": bright,
@@ -299,6 +308,16 @@ def test_every_part_of_the_picture_has_the_same_mean(scene: str, sampler: str) -
     assert kept.mean() > 0.9
     gap = np.where(kept, means[1] - means[0], 0.0)
     assert mean_p(gap, np.zeros(gap.shape[1:])) > SIGNIFICANCE / len(RUNS)
+
+
+def test_what_mirrors_and_panes_show_is_shared_as_if_it_was_seen_at_once() -> None:
+    alone, shared = (
+        np.array([picture(scene=with_mirrors(), reuse_paths=reuse, seed=k) for k in range(30)])
+        for reuse in (False, True)
+    )
+    left = np.median(shared.var(axis=0), axis=-1) / np.median(alone.var(axis=0), axis=-1)
+    for columns in (slice(8, 14), slice(23, 29)):  # well within the mirror and the pane
+        assert np.median(left[8:18, columns]) < 0.85
 
 
 @pytest.mark.parametrize("scene", ["things", "holes"])

@@ -92,11 +92,14 @@ PH_INLINE void turn_to_gloss(u32 k, Vertices& v) {
 }
 
 // From which side of the surface, and with which parameters and frame, paths see their materials.
-// Returns the lanes of those that scatter; asking: of those of them that ask for light.
+// Returns the lanes of those that scatter; rough: those of them that are no mere mirrors and ask
+// for light, if somebody wants to know. alike: those that ask as if nobody in particular looked at
+// them.
 template <class Watch>
-inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, Kinds& kinds,
-                    u32& asking, const Watch& watch) {
+inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, u32 alike,
+                    Kinds& kinds, u32& rough, const Watch& watch) {
   Paths& p = wave.paths;
+  const bool tells = asks_for_light(scene) || wave.groups;
   Rows<Vec3, kBatch> n = v.shading;
   Vec3 along[kBatch];
   u32 opaque[kBatch], kind[kBatch], scattering = 0;
@@ -143,7 +146,7 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
       scattering |= 1u << k;
       Material material = from_block<Material>(*v.block[k]);
       pull_to_mirror(scene, p.depth[k], material);
-      if (asks_for_light(scene) && !is_delta(material)) asking |= 1u << k;
+      if (tells && !is_delta(material)) rough |= 1u << k;
       bool is_plain = false;
       for_each_plain_form<Material>([&]<class Form>(u32 number) {
         if (is_plain || !Form::fits(material)) return;
@@ -160,10 +163,8 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
       if (plain == 0) return;
       if constexpr (NeedsTables<Form>) look_up_from<Form>(plain, v);
       if constexpr (HasGloss<Form>) {
-        // Where others may see the same light it must be as likely for all (reuse.h).
-        const u32 shared = wave.groups ? equal(2, p.depth) : 0;
         if (chooses_lights(scene)) {
-          for_each_bit(plain & ~shared, [&](u32 k) { turn_to_gloss<Form>(k, v); });
+          for_each_bit(plain & ~alike, [&](u32 k) { turn_to_gloss<Form>(k, v); });
         }
       }
     });

@@ -35,7 +35,9 @@ struct PathGroup {
   u32 going;  // paths that have not ended
   // First surfaces, bits in `starts` for those that there are: where rays leave them, the normals
   // on the side of these rays, of the surface and of its frame, and their paths' throughput there.
-  u32 starts;
+  // A path's first surface is the first that is no mere mirror or clear glass, its second the next.
+  u32 fresh;  // paths that have not come to one
+  u32 starts, depth[kReused];
   Kinds kinds;
   PlainSurfaces first;
   Rows<Vec3, kReused> start, side, facing, throughput;
@@ -70,6 +72,7 @@ struct PathGroup {
     lit = delta = sends = deep = meets = 0;
     kinds = end_kinds = {};
     own = shared = weighed = {};
+    fresh = ~0u;
   }
 };
 
@@ -111,6 +114,18 @@ struct Joining {
   u32 all = 0, glossy = 0;
 };
 
+// Those of some paths that have come to the next surface after their first.
+PH_INLINE u32 at_second(const Wave& wave, u32 lanes) {
+  const Paths& p = wave.paths;
+  u32 found = 0;
+  for_each_bit(lanes, [&](u32 k) {
+    const PathGroup& g = group_of(wave, k);
+    const u32 i = p.tag[k] % kReused;
+    found |= (g.starts >> i & 1u & (p.depth[k] == g.depth[i] + 1 ? 1u : 0u)) << k;
+  });
+  return found;
+}
+
 // Notes the second surfaces of paths before light is added there.
 inline Joining join_groups(Wave& wave, const Kinds& kinds, const Vertices& v) {
   Paths& p = wave.paths;
@@ -118,10 +133,10 @@ inline Joining join_groups(Wave& wave, const Kinds& kinds, const Vertices& v) {
   for_each_opaque_form(kinds, [&]<class Form>(u32 number, u32 lanes) {
     for_each_bit(lanes, [&](u32 k) {
       // Shadow rays to a point pass the primitive that it lies on.
-      if (p.depth[k] != 2 || may_hide_itself(leaf_kind(p.slot.at(k).leaf))) return;
+      if (may_hide_itself(leaf_kind(p.slot.at(k).leaf))) return;
       PathGroup& g = group_of(wave, k);
       const u32 i = p.tag[k] % kReused, bit = 1u << i;
-      if ((g.starts & ~g.mirrored & ~g.joins & bit) == 0) return;
+      if ((g.starts & ~g.mirrored & bit) == 0 || p.depth[k] != g.depth[i] + 1) return;
       const float side = v.front[k] != 0 ? 1.0f : -1.0f;
       g.joins |= bit;
       g.end_kinds.lanes[v.block[k]->kind] |= bit;
@@ -162,16 +177,17 @@ inline void note_lights(Wave& wave, const Vertices& v, u32 lanes) {
 }
 
 // Notes the first surfaces of paths before they go on from there.
-inline void start_groups(const Wave& wave, const Kinds& kinds, const Vertices& v) {
+inline void start_groups(const Wave& wave, const Kinds& kinds, u32 rough, const Vertices& v) {
   const Paths& p = wave.paths;
   for_each_opaque_form(kinds, [&]<class Form>(u32 number, u32 lanes) {
-    for_each_bit(lanes, [&](u32 k) {
-      if (p.depth[k] != 1 || p.media[k].count != 0) return;
+    for_each_bit(lanes & rough, [&](u32 k) {
       PathGroup& g = group_of(wave, k);
       const u32 i = p.tag[k] % kReused, bit = 1u << i;
+      if ((g.fresh & bit) == 0 || p.media[k].count != 0) return;
       const Vec3 normal = v.normal.at(k);
       const bool behind = v.front[k] == 0;
       g.starts |= bit;
+      g.depth[i] = p.depth[k];
       g.kinds.lanes[v.block[k]->kind] |= bit;
       g.kinds.plain[number] |= bit;
       copy_lane(g.first.plain, i, v.plain, k);
@@ -186,6 +202,7 @@ inline void start_groups(const Wave& wave, const Kinds& kinds, const Vertices& v
       g.inward[i] = behind != (v.inside_out[k] != 0);
     });
   });
+  for_each_bit(rough, [&](u32 k) { group_of(wave, k).fresh &= ~(1u << p.tag[k] % kReused); });
 }
 
 // Takes what paths that have just joined gathered at matte second surfaces, and notes which way
@@ -193,7 +210,9 @@ inline void start_groups(const Wave& wave, const Kinds& kinds, const Vertices& v
 inline void divide_light(Wave& wave, const Joining& joining, u32 mirrored) {
   Paths& p = wave.paths;
   for_each_bit(mirrored, [&](u32 k) {
-    if (p.depth[k] == 2) group_of(wave, k).mirrored |= 1u << p.tag[k] % kReused;
+    PathGroup& g = group_of(wave, k);
+    const u32 i = p.tag[k] % kReused;
+    if ((g.starts >> i & 1u) != 0 && p.depth[k] == g.depth[i] + 1) g.mirrored |= 1u << i;
   });
   for_each_bit(joining.all, [&](u32 k) {
     PathGroup& g = group_of(wave, k);
@@ -220,10 +239,10 @@ PH_INLINE void note_met(PathGroup& g, u32 i, Paths& p, u32 k, const LightSight& 
 // Calls f(group, i, k) for those of some lanes that are such paths.
 template <class F>
 PH_INLINE void for_each_sent(Wave& wave, u32 lanes, F&& f) {
-  for_each_bit(equal(3, wave.paths.depth) & lanes, [&](u32 k) {
+  for_each_bit(lanes, [&](u32 k) {
     PathGroup& g = group_of(wave, k);
     const u32 i = wave.paths.tag[k] % kReused;
-    if ((g.sends >> i & 1u) != 0) f(g, i, k);
+    if ((g.sends >> i & 1u) != 0 && wave.paths.depth[k] == g.depth[i] + 2) f(g, i, k);
   });
 }
 // At the surfaces that they meet. What shines past holes on the way there is weighed by densities
@@ -443,7 +462,11 @@ inline void share_out(const SceneView& scene, const RenderView& view, PathGroup&
     Ways ways;
     find_ways(g, j, ways);
     u32 facing = 0;
-    for_each_bit(g.starts, [&](u32 i) { facing |= (ways.per_angle[i] > 0.0f ? 1u : 0u) << i; });
+    for_each_bit(g.starts, [&](u32 i) {
+      // Else one of them would have to do with fewer surfaces further on than the other.
+      const bool may = g.depth[i] == g.depth[j] && ways.per_angle[i] > 0.0f;
+      facing |= (may ? 1u : 0u) << i;
+    });
     bool matte = false;
     Sent of_sample, of_found;
     for_each_opaque_form(g.end_kinds, [&]<class Form>(u32, u32 these) {
