@@ -140,14 +140,6 @@ PH_INLINE void for_each_plain_form(F&& f) {
 
 template <class Form>
 concept NeedsTables = requires { typename Form::From; };
-template <NeedsTables Form>
-PH_INLINE typename Form::From from(const Form& form, Vec3 wo) {
-  return from(form, place_from(form, wo));
-}
-template <NeedsTables Form>
-PH_INLINE typename Form::To to(const Form& form, Vec3 wi) {
-  return to(form, place_to(form, wi));
-}
 
 // Forms that tell how much of what they scatter is gloss.
 template <class Form>

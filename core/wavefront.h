@@ -44,11 +44,11 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   find_parameters(scene, p, meeting, v);
   Kinds kinds;
   u32 rough = 0;
-  const u32 alike = wave.groups ? at_second(wave, meeting) : 0;
-  const u32 scattering = approach(scene, wave, v, meeting, alike, kinds, rough, watch);
+  const u32 seconds = wave.groups ? at_second(wave, meeting) : 0;
+  const u32 scattering = approach(scene, wave, v, meeting, seconds, kinds, rough, watch);
   Joining joining;
   if (wave.groups) {
-    joining = join_groups(wave, kinds, v);
+    joining = join_groups(wave, kinds, seconds, v);
     start_groups(wave, kinds, rough, v);
   }
   if (scattering == 0) return;

@@ -174,7 +174,10 @@ inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, u32 shared, 
   const u32 bright = weigh_lights(lit, v);
   if ((shared & lanes) == 0) return bright;
   const u32 front = lit_in_front(paths, shared & lanes, v);
-  for_each_bit(front & ~bright, [&](u32 k) { v.value.set(k, Vec3{0, 0, 0}); });
+  for_each_bit(front & ~bright, [&](u32 k) {
+    v.value.set(k, Vec3{0, 0, 0});
+    v.scale[k] = 0.0f;
+  });
   return bright | front;
 }
 

@@ -92,8 +92,8 @@ PH_INLINE void turn_to_gloss(u32 k, Vertices& v) {
 }
 
 // From which side of the surface, and with which parameters and frame, paths see their materials.
-// Returns the lanes of those that scatter; rough: those of them that are no mere mirrors and ask
-// for light, if somebody wants to know. alike: those that ask as if nobody in particular looked at
+// Returns the lanes of those that scatter; rough: those of them that are no mere mirrors, where
+// that is asked for. alike: those that shall choose lights as if nobody in particular looked at
 // them.
 template <class Watch>
 inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, u32 alike,

@@ -25,6 +25,8 @@ namespace parhelion::PH_ISA {
 inline constexpr u32 kReused = kBatch;
 // Of the least of red, green and blue that a first surface scatters: less does not tell what came.
 inline constexpr float kLeastShare = 1.0f / 256.0f;
+// And of a glossy second one, over the density of being sampled.
+inline constexpr float kLeastSent = 1e-12f;
 
 // Forms that scatter alike towards everywhere, but for a mirror image and what they let out there.
 template <class Form>
@@ -64,14 +66,14 @@ struct PathGroup {
   Rows<Vec3, kReused> to_light, light, beyond, met;
   float light_pdf[kReused], met_pdf[kReused];
   // What paths have gathered: what is theirs alone, what is shared of the second surface, and what
-  // light samples there and what has been met have brought.
-  Rows<Vec3, kReused> own, shared, weighed;
+  // of it light samples there have brought, and lights that have been met after it.
+  Rows<Vec3, kReused> own, shared, sampled, weighed;
 
   PH_INLINE void clear() {
     count = going = starts = mirrored = joins = end_front = bends = matte = 0;
     lit = delta = sends = deep = meets = 0;
     kinds = end_kinds = {};
-    own = shared = weighed = {};
+    own = shared = sampled = weighed = {};
     fresh = ~0u;
   }
 };
@@ -84,14 +86,6 @@ PH_INLINE PathGroup& group_of(const Wave& wave, u32 k) {
 PH_INLINE Vec3 ratio(Vec3 a, Vec3 b) {
   const auto over = [](float x, float y) { return y > 0.0f ? x / y : 0.0f; };
   return {over(a.x, b.x), over(a.y, b.y), over(a.z, b.z)};
-}
-
-// Of f for each of some bits.
-template <class F>
-PH_INLINE float sum_over(u32 bits, F&& f) {
-  float sum = 0.0f;
-  for_each_bit(bits, [&](u32 i) { sum += f(i); });
-  return sum;
 }
 
 // Calls f.operator()<Form>(number, lanes) for each plain form that lets no light through, and those
@@ -114,29 +108,29 @@ struct Joining {
   u32 all = 0, glossy = 0;
 };
 
-// Those of some paths that have come to the next surface after their first.
+// Those of some paths that their first surface has not mirrored, but sent to another one.
 PH_INLINE u32 at_second(const Wave& wave, u32 lanes) {
   const Paths& p = wave.paths;
   u32 found = 0;
   for_each_bit(lanes, [&](u32 k) {
     const PathGroup& g = group_of(wave, k);
     const u32 i = p.tag[k] % kReused;
-    found |= (g.starts >> i & 1u & (p.depth[k] == g.depth[i] + 1 ? 1u : 0u)) << k;
+    const bool sent = ((g.starts & ~g.mirrored) >> i & 1u) != 0;
+    found |= (sent && p.depth[k] == g.depth[i] + 1 ? 1u : 0u) << k;
   });
   return found;
 }
 
-// Notes the second surfaces of paths before light is added there.
-inline Joining join_groups(Wave& wave, const Kinds& kinds, const Vertices& v) {
+// Notes the second surfaces of paths that are there before light is added.
+inline Joining join_groups(Wave& wave, const Kinds& kinds, u32 seconds, const Vertices& v) {
   Paths& p = wave.paths;
   Joining joining;
   for_each_opaque_form(kinds, [&]<class Form>(u32 number, u32 lanes) {
-    for_each_bit(lanes, [&](u32 k) {
+    for_each_bit(lanes & seconds, [&](u32 k) {
       // Shadow rays to a point pass the primitive that it lies on.
       if (may_hide_itself(leaf_kind(p.slot.at(k).leaf))) return;
       PathGroup& g = group_of(wave, k);
       const u32 i = p.tag[k] % kReused, bit = 1u << i;
-      if ((g.starts & ~g.mirrored & bit) == 0 || p.depth[k] != g.depth[i] + 1) return;
       const float side = v.front[k] != 0 ? 1.0f : -1.0f;
       g.joins |= bit;
       g.end_kinds.lanes[v.block[k]->kind] |= bit;
@@ -171,7 +165,7 @@ inline void note_lights(Wave& wave, const Vertices& v, u32 lanes) {
     const Vec3 arrived = v.radiance.at(k) * v.through.at(k) * (1.0f / v.light_pdf[k]);
     g.light.set(i, p.throughput.at(k) * arrived);
     g.light_pdf[i] = v.light_pdf[k];
-    g.weighed.set(i, p.sum.at(k));
+    g.sampled.set(i, p.sum.at(k));
     p.sum.set(k, Vec3{0, 0, 0});
   });
 }
@@ -209,11 +203,8 @@ inline void start_groups(const Wave& wave, const Kinds& kinds, u32 rough, const 
 // others go on from theirs; and which paths the first surfaces have mirrored.
 inline void divide_light(Wave& wave, const Joining& joining, u32 mirrored) {
   Paths& p = wave.paths;
-  for_each_bit(mirrored, [&](u32 k) {
-    PathGroup& g = group_of(wave, k);
-    const u32 i = p.tag[k] % kReused;
-    if ((g.starts >> i & 1u) != 0 && p.depth[k] == g.depth[i] + 1) g.mirrored |= 1u << i;
-  });
+  for_each_bit(at_second(wave, mirrored),
+               [&](u32 k) { group_of(wave, k).mirrored |= 1u << p.tag[k] % kReused; });
   for_each_bit(joining.all, [&](u32 k) {
     PathGroup& g = group_of(wave, k);
     const u32 i = p.tag[k] % kReused, scattered = (~mirrored >> k & 1u) << i;
@@ -228,15 +219,15 @@ inline void divide_light(Wave& wave, const Joining& joining, u32 mirrored) {
   });
 }
 
-// What shines where a path has come to that its glossy second surface has sent on.
+// Notes a light that a path has met after its glossy second surface.
 PH_INLINE void note_met(PathGroup& g, u32 i, Paths& p, u32 k, const LightSight& sight) {
   g.meets |= 1u << i;
   g.met.set(i, p.throughput.at(k) * sight.radiance);
   g.met_pdf[i] = sight.pdf;
-  g.weighed.set(i, g.weighed.at(i) + p.sum.at(k));
+  g.weighed.set(i, p.sum.at(k));
   p.sum.set(k, Vec3{0, 0, 0});
 }
-// Calls f(group, i, k) for those of some lanes that are such paths.
+// Calls f(group, i, k) for those of some paths that have just come from such a surface.
 template <class F>
 PH_INLINE void for_each_sent(Wave& wave, u32 lanes, F&& f) {
   for_each_bit(lanes, [&](u32 k) {
@@ -311,14 +302,8 @@ PH_APART inline void find_let_out(const Form& form, Ways& __restrict ways) {
   for (u32 i = 0; i < kReused; ++i) ways.let_out[i] = let_out(form, Vec3{0, 0, ways.cosine[i]});
 }
 
-// What a second surface scatters along all ways of the light that one direction brings, and how
-// likely a path that comes along each is to go on there.
-struct Sent {
-  Rows<Vec3, kReused> value;
-  float pdf[kReused];
-};
-
-// As find_frames() does (materials.h).
+// As find_frames() does (materials.h) with opaque ones; plain principled materials, whose type lets
+// light pass, are the same from both sides.
 PH_APART inline void bend_along(const PathGroup& __restrict g, u32 j, const Ways& __restrict ways,
                                 PlainSurfaces& __restrict seen) {
   const float side = (g.end_front >> j & 1u) != 0 ? 1.0f : -1.0f;
@@ -338,16 +323,11 @@ PH_APART inline void see_along(const Ways& __restrict ways, Vec3 wi,
     seen.local_wi.set(i, to_local(frame, wi));
   }
 }
-PH_APART inline void find_above(const PlainSurfaces& __restrict seen, Sent& __restrict sent) {
-  for (u32 i = 0; i < kReused; ++i) {
-    const BsdfValue f = seen.scattered.at(i);
-    const bool above = seen.local_wo.at(i).z * seen.local_wi.at(i).z > 0.0f;
-    sent.value.set(i, select(above, f.value, Vec3{0, 0, 0}));
-    sent.pdf[i] = above ? f.pdf : 0.0f;
-  }
-}
+// What a second surface scatters along all ways of the light that comes from wi, and how likely a
+// path that comes along each is to go on there.
 template <class Form>
-inline void find_sent(const PathGroup& g, u32 j, Vec3 wi, const Ways& ways, u32 lanes, Sent& sent) {
+inline void find_sent(const PathGroup& g, u32 j, Vec3 wi, const Ways& ways, u32 lanes,
+                      Rows<BsdfValue, kReused>& sent) {
   PlainSurfaces seen = {};
   const Form form = g.end_plain.at<Form>(j);
   for (u32 i = 0; i < kReused; ++i) {
@@ -364,7 +344,7 @@ inline void find_sent(const PathGroup& g, u32 j, Vec3 wi, const Ways& ways, u32 
   u32 these[kReused];
   spread(lanes, these);
   value_of_plain<Form>(these, tables, seen);
-  find_above(seen, sent);
+  sent = seen.scattered;
 }
 
 PH_APART inline void weigh_ways(const PathGroup& __restrict g, Ways& __restrict ways) {
@@ -413,41 +393,57 @@ PH_INLINE u32 open_ways(const SceneView& scene, const RenderView& view, const Pa
   return passed;
 }
 
-// What a second surface j sends along those ways that are `seen`: light that has been found from a
-// matte one on, that a sample has brought to another, and that was found where a path went on from
-// there. Each gets it as its own path would have, by its share of the densities.
-PH_INLINE void share_matte(const PathGroup& g, u32 j, u32 seen, const Ways& ways,
-                           float most_indirect, Vec3 (&radiance)[kReused]) {
-  const float sum = sum_over(seen, [&](u32 i) { return ways.density[i]; });
-  const Vec3 found = g.shared.at(j), own = ways.share.at(j) * ways.let_out[j];
-  for_each_bit(seen, [&](u32 i) {
-    const Vec3 light = found * ratio(ways.share.at(i) * ways.let_out[i], own);
-    radiance[i] += bounded(light * (ways.density[i] / sum), 2, most_indirect);
+// Adds what a second surface sends along some ways: each gets light(i), as much as its own path
+// would have, by its share of the densities.
+template <class Density, class Light>
+PH_INLINE void share(u32 ways, Density&& density, Light&& light, float most_indirect,
+                     Vec3 (&radiance)[kReused]) {
+  float sum = 0.0f;
+  for_each_bit(ways, [&](u32 i) { sum += density(i); });
+  for_each_bit(ways, [&](u32 i) {
+    radiance[i] += bounded(light(i) * (density(i) / sum), 2, most_indirect);
   });
 }
-PH_INLINE void share_sampled(const PathGroup& g, u32 j, u32 seen, const Ways& ways,
-                             const Sent& sent, float most_indirect, Vec3 (&radiance)[kReused]) {
-  const float sum = sum_over(seen, [&](u32 i) { return ways.density[i]; });
-  const bool delta = (g.delta >> j & 1u) != 0;
-  const Vec3 own = ways.share.at(j);
-  for_each_bit(seen, [&](u32 i) {
-    const float weight = delta ? 1.0f : power_heuristic(g.light_pdf[j], sent.pdf[i]);
-    const Vec3 light = g.light.at(j) * weight * sent.value.at(i) * ratio(ways.share.at(i), own);
-    radiance[i] += bounded(light * (ways.density[i] / sum), 2, most_indirect);
+
+// Of what a glossy second surface sends along some ways, those that tell each other's light: what
+// is next to nothing in a colour, as Beckmann's slopes are far from a mirror image, does not.
+PH_INLINE u32 telling(u32 ways, const Rows<BsdfValue, kReused>& sent) {
+  Vec3 most = {0, 0, 0};
+  for_each_bit(ways, [&](u32 i) { most = max(most, sent.at(i).value); });
+  u32 found = 0;
+  for_each_bit(ways, [&](u32 i) {
+    const BsdfValue f = sent.at(i);
+    const auto tells = [&](float value, float any) {
+      return any == 0.0f || value > kLeastSent * f.pdf;
+    };
+    const bool all = tells(f.value.x, most.x) && tells(f.value.y, most.y) &&
+                     tells(f.value.z, most.z) && f.pdf > 0.0f && f.pdf < kInfinity;
+    found |= (all ? 1u : 0u) << i;
   });
+  return found;
 }
-PH_INLINE void share_sent(const PathGroup& g, u32 j, u32 seen, const Ways& ways, const Sent& sent,
-                          float most_indirect, Vec3 (&radiance)[kReused]) {
-  const float sum = sum_over(seen, [&](u32 i) { return ways.density[i] * sent.pdf[i]; });
+
+// What a path found where it went on from a glossy second surface j.
+PH_INLINE void share_sent(const PathGroup& g, u32 j, u32 seen, const Ways& ways,
+                          const Rows<BsdfValue, kReused>& sent, float most_indirect,
+                          Vec3 (&radiance)[kReused]) {
+  const u32 telling_ways = telling(seen, sent);
+  if ((telling_ways >> j & 1u) == 0) {
+    radiance[j] += g.shared.at(j) + g.weighed.at(j);
+    return;
+  }
   const bool meets = (g.meets >> j & 1u) != 0;
-  const Vec3 found = g.shared.at(j), own = ways.share.at(j) * sent.value.at(j);
-  for_each_bit(seen, [&](u32 i) {
-    const float asked = g.met_pdf[j];
-    const float weight = asked > 0.0f ? power_heuristic(sent.pdf[i], asked) : 1.0f;
-    const Vec3 all = meets ? found + g.met.at(j) * weight : found;
-    const Vec3 light = all * ratio(ways.share.at(i) * sent.value.at(i), own);
-    radiance[i] += bounded(light * (ways.density[i] * sent.pdf[j] / sum), 2, most_indirect);
-  });
+  const float asked = g.met_pdf[j];
+  const Vec3 own = ways.share.at(j) * sent.at(j).value;
+  share(
+      telling_ways, [&](u32 i) { return ways.density[i] * sent.at(i).pdf; },
+      [&](u32 i) {
+        const BsdfValue f = sent.at(i);
+        const float weight = asked > 0.0f ? power_heuristic(f.pdf, asked) : 1.0f;
+        const Vec3 all = meets ? g.shared.at(j) + g.met.at(j) * weight : g.shared.at(j);
+        return all * ratio(ways.share.at(i) * f.value, own) * (sent.at(j).pdf / f.pdf);
+      },
+      most_indirect, radiance);
 }
 
 // What the samples of a group bring, all of whose paths have ended.
@@ -468,7 +464,7 @@ inline void share_out(const SceneView& scene, const RenderView& view, PathGroup&
       facing |= (may ? 1u : 0u) << i;
     });
     bool matte = false;
-    Sent of_sample, of_found;
+    Rows<BsdfValue, kReused> of_sample, of_found;
     for_each_opaque_form(g.end_kinds, [&]<class Form>(u32, u32 these) {
       if ((these >> j & 1u) == 0) return;
       if constexpr (IsMatte<Form>) {
@@ -489,17 +485,31 @@ inline void share_out(const SceneView& scene, const RenderView& view, PathGroup&
       value_of_plain<Form>(these, tables, g.first);
     });
     weigh_ways(g, ways);
-    const bool known = finite(shared) && (!lit || finite(g.light.at(j))) &&
-                       (!meets || finite(g.met.at(j))) &&
-                       (matte || !found || (of_found.pdf[j] > 0.0f && of_found.pdf[j] < kInfinity));
+    const bool known =
+        finite(shared) && (!lit || finite(g.light.at(j))) && (!meets || finite(g.met.at(j)));
     const u32 seen = known ? open_ways(scene, view, g, j, facing, ways, stats) : 0;
     if ((seen >> j & 1u) == 0) {
-      radiance[j] += shared + g.weighed.at(j);
+      radiance[j] += shared + g.sampled.at(j) + g.weighed.at(j);
       return;
     }
+    const auto density = [&](u32 i) { return ways.density[i]; };
     const float most = view.clamp_indirect;
-    if (matte) return share_matte(g, j, seen, ways, most, radiance);
-    if (lit) share_sampled(g, j, seen, ways, of_sample, most, radiance);
+    const Vec3 own = ways.share.at(j);
+    if (matte) {
+      const auto light = [&](u32 i) {
+        return shared * ratio(ways.share.at(i) * ways.let_out[i], own * ways.let_out[j]);
+      };
+      return share(seen, density, light, most, radiance);
+    }
+    if (lit) {
+      const bool delta = (g.delta >> j & 1u) != 0;
+      const auto light = [&](u32 i) {
+        const BsdfValue f = of_sample.at(i);
+        const float weight = delta ? 1.0f : power_heuristic(g.light_pdf[j], f.pdf);
+        return g.light.at(j) * weight * f.value * ratio(ways.share.at(i), own);
+      };
+      share(seen, density, light, most, radiance);
+    }
     if (found) share_sent(g, j, seen, ways, of_found, most, radiance);
   });
 }

@@ -699,7 +699,8 @@ void lobes_share_even_numbers() {
 template <class Form>
 baseline::BsdfValue value_plainly(const Form& form, Vec3 wo, Vec3 wi) {
   if constexpr (baseline::NeedsTables<Form>) {
-    return evaluate(form, from(form, wo), to(form, wi), wo, wi);
+    const auto seen = from(form, place_from(form, wo));
+    return evaluate(form, seen, to(form, place_to(form, wi)), wo, wi);
   } else {
     return value_of(form.whole(), wo, wi);
   }
@@ -708,9 +709,10 @@ template <class Form>
 bool sample_plainly(const Form& form, Vec3 wo, const baseline::BsdfDraws& u,
                     baseline::BsdfSample& out) {
   if constexpr (baseline::NeedsTables<Form>) {
+    const auto seen = from(form, place_from(form, wo));
     Vec3 wi;
-    return choose(form, pick(lobes(form, from(form, wo)), u.direction), wo, wi) &&
-           weigh_sample(form, from(form, wo), to(form, wi), wo, wi, out);
+    return choose(form, pick(lobes(form, seen), u.direction), wo, wi) &&
+           weigh_sample(form, seen, to(form, place_to(form, wi)), wo, wi, out);
   } else {
     return sample(form.whole(), wo, u, out);
   }
