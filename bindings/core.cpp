@@ -420,61 +420,79 @@ std::tuple<double, double> cost_of_tree(const Scene& scene) {
   return {cost.nodes, cost.leaves};
 }
 
-// Rays in the user's units: origins and unit directions; t comes back in the user's units.
-std::vector<Ray> to_rays(const Scene& scene, const FloatRows& origins,
-                         const FloatRows& directions) {
-  if (origins.shape(0) != directions.shape(0)) {
-    throw nb::type_error("as many origins as directions are needed");
-  }
+// As many rays, and what is found of them, as stay in the first cache (16 KB).
+constexpr size_t kRaysAtOnce = 256;
+
+// Calls f(first, rays, count) for so many rays at a time, which are given in the user's units:
+// origins and unit directions.
+template <class F>
+void for_rays(const Scene& scene, const FloatRows& origins, const FloatRows& directions, F&& f) {
   const float scale = static_cast<float>(scene.scale());
-  std::vector<Ray> rays(origins.shape(0));
-  for (size_t i = 0; i < rays.size(); ++i) {
-    const Vec3 o = vectors(origins)[i];
-    rays[i] = {{o.x * scale, o.y * scale, o.z * scale}, vectors(directions)[i], kNoSlot, false};
+  const size_t n = origins.shape(0);
+  Ray rays[kRaysAtOnce];
+  for (size_t first = 0; first < n; first += kRaysAtOnce) {
+    const size_t count = std::min(kRaysAtOnce, n - first);
+    for (size_t i = 0; i < count; ++i) {
+      const Vec3 o = vectors(origins)[first + i];
+      const Vec3 scaled = {o.x * scale, o.y * scale, o.z * scale};
+      rays[i] = {scaled, vectors(directions)[first + i], kNoSlot, false};
+    }
+    f(first, rays, count);
   }
-  return rays;
+}
+
+void check_rays(const FloatRows& origins, const FloatRows& directions) {
+  if (origins.shape(0) == directions.shape(0)) return;
+  throw nb::type_error("as many origins as directions are needed");
 }
 
 std::tuple<nb::object, nb::object> intersect(const Scene& scene, const FloatRows& origins,
                                              const FloatRows& directions, bool tree,
                                              const std::string& isa) {
-  const std::vector<Ray> rays = to_rays(scene, origins, directions);
-  const std::vector<float> limit(rays.size(), kInfinity);
+  check_rays(origins, directions);
   const Kernels& k = kernels(isa);
-  std::vector<Hit> hits(rays.size());
   float* t;
   i64* id;
-  nb::object ts = make_array<float>({rays.size()}, t);
-  nb::object ids = make_array<i64>({rays.size()}, id);
+  nb::object ts = make_array<float>({origins.shape(0)}, t);
+  nb::object ids = make_array<i64>({origins.shape(0)}, id);
   {
     nb::gil_scoped_release unlocked;
-    k.intersect(scene.view(), rays.data(), limit.data(), rays.size(), tree, hits.data());
+    const SceneView view = scene.view();
     const float unscale = static_cast<float>(1.0 / scene.scale());
-    for (size_t i = 0; i < hits.size(); ++i) {
-      const Slot slot = hits[i].slot;
-      const bool hit = slot.leaf != kNone;
-      t[i] = hits[i].t * unscale;
-      id[i] = -1;
-      if (!hit) continue;
-      baseline::with_primitive(scene.view(), slot,
-                               [&](const auto&, u32 primitive) { id[i] = i64{primitive}; });
-    }
+    float limit[kRaysAtOnce];
+    std::fill_n(limit, kRaysAtOnce, kInfinity);
+    Hit hits[kRaysAtOnce];
+    for_rays(scene, origins, directions, [&](size_t first, const Ray* rays, size_t count) {
+      k.intersect(view, rays, limit, count, tree, hits);
+      for (size_t i = 0; i < count; ++i) {
+        const Slot slot = hits[i].slot;
+        t[first + i] = hits[i].t * unscale;
+        i64& own = id[first + i];
+        own = -1;
+        if (slot.leaf == kNone) continue;
+        baseline::with_primitive(view, slot,
+                                 [&](const auto&, u32 primitive) { own = i64{primitive}; });
+      }
+    });
   }
   return {ts, ids};
 }
 
 nb::object occluded(const Scene& scene, const FloatRows& origins, const FloatRows& directions,
                     const Floats& limits, bool tree, const std::string& isa) {
-  const std::vector<Ray> rays = to_rays(scene, origins, directions);
-  if (limits.shape(0) != rays.size()) throw nb::type_error("a limit is needed for each ray");
-  const float scale = static_cast<float>(scene.scale());
-  std::vector<float> limit(limits.data(), limits.data() + rays.size());
-  for (float& x : limit) x *= scale;
+  check_rays(origins, directions);
+  if (limits.shape(0) != origins.shape(0)) throw nb::type_error("a limit is needed for each ray");
   u8* out;
-  nb::object result = make_array<u8>({rays.size()}, out);
+  nb::object result = make_array<u8>({origins.shape(0)}, out);
   const Kernels& k = kernels(isa);
   nb::gil_scoped_release unlocked;
-  k.occluded(scene.view(), rays.data(), limit.data(), rays.size(), tree, out);
+  const SceneView view = scene.view();
+  const float scale = static_cast<float>(scene.scale());
+  float limit[kRaysAtOnce];
+  for_rays(scene, origins, directions, [&](size_t first, const Ray* rays, size_t count) {
+    for (size_t i = 0; i < count; ++i) limit[i] = limits.data()[first + i] * scale;
+    k.occluded(view, rays, limit, count, tree, out + first);
+  });
   return result;
 }
 
