@@ -27,6 +27,7 @@ from parhelion.atomic import replacing
 from parhelion.errors import ResourceError
 
 from .measure import ALONE, OURS, PEERS
+from .rays import EMBREE, ROBUST
 from .scenes import GALLERY
 
 if TYPE_CHECKING:
@@ -44,9 +45,9 @@ STYLE = {
 }
 
 # Each program has one colour wherever it is drawn.
-COLORS = {name: f"C{i}" for i, name in enumerate((OURS, *PEERS, "embreex", ALONE))}
+COLORS = {name: f"C{i}" for i, name in enumerate((OURS, *PEERS, EMBREE, ALONE, ROBUST))}
 LABELS = {OURS: "Parhelion", "mitsuba-llvm": "Mitsuba, LLVM", "mitsuba-scalar": "Mitsuba, scalar"}
-LABELS |= {"cycles": "Cycles", "luxcore": "LuxCore", "embreex": "Embree"}
+LABELS |= {"cycles": "Cycles", "luxcore": "LuxCore", EMBREE: "Embree", ROBUST: "Embree, robust"}
 LABELS[ALONE] = "Parhelion, own paths"
 
 Rows = list[dict[str, Any]]
@@ -101,7 +102,7 @@ def error(rows: Rows) -> Figure | None:
 def rays(rows: Rows) -> Figure | None:
     """By the kind of rays, triangles and spheres, ours and Embree's."""
     kinds = ("camera", "bounce", "any hit")
-    what = rf"(\S+) (triangles|spheres), ({'|'.join(kinds)}): ({OURS}|embreex)"
+    what = rf"(\S+) (triangles|spheres), ({'|'.join(kinds)}): ({OURS}|{EMBREE}|{ROBUST})"
     speeds = found(rows, what)
     if not speeds:
         return None
@@ -110,8 +111,9 @@ def rays(rows: Rows) -> Figure | None:
         for program, shape, line in (
             (OURS, "triangles", "o-"),
             (OURS, "spheres", "s--"),
-            ("embreex", "triangles", "o-"),
-            ("embreex", "spheres", "s--"),
+            (EMBREE, "triangles", "o-"),
+            (ROBUST, "triangles", "o-"),
+            (EMBREE, "spheres", "s--"),
         ):
             points = sorted(
                 (float(key[0]), row["median"])

@@ -3,10 +3,13 @@
 Two kinds of made scenes, from a thousand primitives to a million, or ten with --long: a sphere with
 waves as triangles, and a box of random spheres. And the triangles of scenes as people make them,
 large beside small, which trees find harder. Three kinds of rays: a camera's, neighbours side by
-side; what bounces from there in all directions, for the nearest hit; and the same for any hit. Both
-get them as arrays in one call. And how long the tree takes, from the arrays that `_core.Scene` gets
-to the first ray and until the tree is gone, on one core of the processor; and for ours the whole
-scene, as it is made in Python, with all checks and a look at how much memory there is.
+side; what bounces from there in all directions, for the nearest hit; and the same for any hit. All
+get them as arrays in one call. Embree's triangles twice: as it is by default, and by its robust
+flag, which shall let no ray through between neighbours; how many get out of the closed meshes at
+their edges and corners is told, too. And how long the tree takes, from the arrays that
+`_core.Scene` gets to the first ray and until the tree is gone, on one core of the processor; and
+for ours the whole scene, as it is made in Python, with all checks and a look at how much memory
+there is.
 """
 
 from __future__ import annotations
@@ -29,8 +32,10 @@ SHAPES = ("triangles", "spheres")
 SCENES = ("helmet", "sponza", "classroom", "coffee")  # of the gallery
 BUILDS = ("tree", "scene")
 RAYS = ("camera", "bounce", "any hit")
-PROGRAMS = ("parhelion", "embreex")
+OURS, EMBREE, ROBUST = "parhelion", "embreex", "embreex robust"
+PROGRAMS = {"triangles": (OURS, EMBREE, ROBUST), "spheres": (OURS, EMBREE)}
 SAME = 1e-3  # of the hits, by which programs may differ
+AMIDST = (0.01, 0.02, -0.03)  # no vertex lies along an axis from there
 MOST = {"triangles": 1.0, "spheres": 1 / 1.5}  # Embree's rays a second over ours, as asked
 
 
@@ -64,15 +69,16 @@ def loads(plan: Any, notes: Any, group: str) -> Iterator[tuple[Path, str, str]]:
 
 
 def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[Row]:
+    closed = shape == "triangles" and what not in SCENES
     workers: dict[str, Worker] = {}
     hits: dict[tuple[str, str], int] = {}
     try:
-        for name in PROGRAMS:
+        for name in PROGRAMS[shape]:
             try:
                 workers[name] = Worker("rays", {"program": name, "file": str(path), "threads": 1})
                 notes.versions[name] = workers[name].known
             except BenchError as problem:
-                if name == "parhelion":
+                if name == OURS:
                     raise
                 notes.add(f"{name} was not measured with {what}: {problem}")
         kinds = (*BUILDS, *RAYS)
@@ -91,6 +97,8 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
                             if kind in RAYS
                             else answer["seconds"]
                         )
+        if closed:
+            lost = {name: worker.ask({"rays": "edges"}) for name, worker in workers.items()}
     finally:
         for worker in workers.values():
             worker.close()
@@ -99,18 +107,23 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
         more = kind in RAYS
         unit = "M/s" if more else "s"
         row = Row(f"{what}, {kind}", name, unit, values, more=more)
-        if name != "parhelion":
-            pairs = ratios(values, speed[kind, "parhelion"])
+        if name != OURS:
+            pairs = ratios(values, speed[kind, OURS])
             if more:
-                ours, theirs = hits[kind, "parhelion"], hits[kind, name]
+                ours, theirs = hits[kind, OURS], hits[kind, name]
                 if abs(theirs - ours) > SAME * max(theirs, ours):
                     notes.add(f"{what}, {kind}: {name} has {theirs} hits, not {ours}")
-            row = replace(row, against="parhelion", ratios=pairs)
+            row = replace(row, against=OURS, ratios=pairs)
             if more:
                 row = replace(row, most_ratio=MOST[shape])
             elif kind == "tree":
                 row = replace(row, least_ratio=1.0)
         rows.append(row)
+    if closed:
+        for name, answer in lost.items():
+            share = 1.0 - answer["hits"] / answer["rays"]
+            row = Row(f"{what}, lost at edges", name, "%", [100.0 * share])
+            rows.append(replace(row, most=0.0) if name == OURS else row)
     return rows
 
 
@@ -190,6 +203,18 @@ def camera_rays() -> tuple[np.ndarray, np.ndarray]:
     directions = np.stack([x, y, np.full_like(x, -1.0)], axis=2).reshape(-1, 3)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return np.tile(np.float32([0, 0, 3]), (len(directions), 1)), directions.astype(np.float32)
+
+
+def at_edges(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rays from the middle of a closed mesh around it to its corners and points of its edges."""
+    rng = np.random.default_rng(4)
+    ends = vertices[np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])]
+    ends = ends[rng.integers(len(ends), size=SIDE * SIDE)].astype(np.float64)
+    part = rng.uniform(size=(len(ends), 1))
+    part[::2] = 0.0  # half of them at corners
+    directions = ends[:, 0] + (ends[:, 1] - ends[:, 0]) * part - AMIDST
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.tile(np.float32(AMIDST), (len(directions), 1)), directions.astype(np.float32)
 
 
 def bounces(

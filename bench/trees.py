@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from .process import Worker, in_turn
-from .rays import PROGRAMS, loads
+from .rays import EMBREE, OURS, loads
 from .scenes import BenchError
 from .summary import Row, ratios
 
 REST = 0.05  # seconds
-OURS = PROGRAMS[0]
 
 
 def trees(plan: Any, notes: Any) -> list[Row]:
@@ -33,7 +32,7 @@ def trees(plan: Any, notes: Any) -> list[Row]:
 def _measured(plan: Any, notes: Any, path: Path, what: str) -> list[Row]:
     with ExitStack() as stack:
         workers = {}
-        for name in PROGRAMS:
+        for name in (OURS, EMBREE):
             job = {"program": name, "file": str(path), "threads": plan.threads}
             try:
                 workers[name] = Worker("rays", job)

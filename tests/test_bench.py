@@ -19,12 +19,11 @@ if not (REPOSITORY / "bench").is_dir():
     pytest.skip("bench/ is not part of a source distribution", allow_module_level=True)
 sys.path.insert(0, str(REPOSITORY))
 
-from bench import charts, instructions, memory, trees  # noqa: E402
+from bench import charts, instructions, memory, rays, trees  # noqa: E402
 from bench.compare import compare, verdict  # noqa: E402
 from bench.equal import seconds_at  # noqa: E402
 from bench.gallery import SCENES  # noqa: E402
 from bench.measure import Notes, Plan, alternate  # noqa: E402
-from bench.rays import write  # noqa: E402
 from bench.renderers import luxcore  # noqa: E402
 from bench.scenes import GALLERY, BenchError, by_scene, read_weekend  # noqa: E402
 from bench.summary import Row, ratios, spread, table  # noqa: E402
@@ -299,7 +298,7 @@ def test_overhead_is_the_whole_over_traversal(tmp_path: Path):
 
 def test_trees_on_all_threads_and_what_they_cost(tmp_path: Path):
     path = tmp_path / "rays.npz"
-    write(path, "spheres", 1000)
+    rays.write(path, "spheres", 1000)
     rows = {row.name: row for row in trees._measured(Plan(path, rounds=1), Notes(), path, "few")}
     assert rows["parhelion"].runs[0] > 0
     if "embreex" in rows:
@@ -307,6 +306,19 @@ def test_trees_on_all_threads_and_what_they_cost(tmp_path: Path):
     # a line through the box meets the root, and of a thousand spheres' leaves at least a few
     assert rows["nodes that a line meets"].runs[0] > 1
     assert 1 < rows["leaves that a line meets"].runs[0] < 1000 / 16
+
+
+def test_rays_and_how_many_get_out_of_a_closed_mesh(tmp_path: Path):
+    path = tmp_path / "rays.npz"
+    rays.write(path, "triangles", 1000)
+    measured = rays.measured(Plan(path, rounds=1), Notes(), path, "few triangles", "triangles")
+    of = {(row.group.split(", ")[1], row.name): row for row in measured}
+    assert of["bounce", "parhelion"].runs[0] > 0
+    assert of["lost at edges", "parhelion"].runs == [0.0]
+    if ("bounce", "embreex robust") in of:
+        # that these are rays which can get lost
+        default = of["lost at edges", "embreex"].runs[0]
+        assert of["lost at edges", "embreex robust"].runs[0] < default < 50.0
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells what a process holds")

@@ -10,7 +10,7 @@ import tempfile
 import time
 import weakref
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -22,7 +22,7 @@ import parhelion as ph
 from parhelion import _core
 from parhelion.flatten import flatten
 
-from ..rays import bounces
+from ..rays import EMBREE, OURS, ROBUST, at_edges, bounces
 from ..scenes import BenchError
 
 # Of origins and directions, (n, 3) each, and whether any hit will do: which rays hit, or how far,
@@ -34,8 +34,8 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
     """A job has "program" and "file", the scene and the camera's rays as bench.rays writes them."""
     with np.load(job["file"]) as arrays:
         scene = dict(arrays)
-    module = import_module(job["program"])
-    known = getattr(module, "__version__", None) or version(job["program"])
+    package = job["program"].split()[0]
+    known = getattr(import_module(package), "__version__", None) or version(package)
     program = PROGRAMS[job["program"]](scene)
     query = program.tree()
     rays = {"camera": (scene["origins"], scene["directions"])}
@@ -51,6 +51,9 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
             start = time.perf_counter()  # of whatever threads there are
             builds[kind]()(*few, False)
             return {"seconds": time.perf_counter() - start}
+        if kind == "edges":
+            at = at_edges(scene["vertices"], scene["faces"])
+            return {"rays": len(at[0]), "hits": int(np.isfinite(query(*at, False)).sum())}
         origins, directions = rays[kind]
         begin = time.process_time()  # of one thread; the wall clock also counts others
         found = query(origins, directions, kind == "any hit")
@@ -95,8 +98,8 @@ class _Ours:
 
 
 class _Embree:
-    def __init__(self, arrays: dict[str, Any]) -> None:
-        self.library = _library()
+    def __init__(self, arrays: dict[str, Any], robust: bool = False) -> None:
+        self.library, self.robust = _library(), robust
         if "faces" in arrays:
             points, faces = arrays["vertices"], arrays["faces"].astype(np.uint32)
             self.make, self.of = self.library.embree_triangles, [points, faces]
@@ -106,7 +109,8 @@ class _Embree:
             self.make, self.of = self.library.embree_spheres, [spheres]
 
     def tree(self) -> Query:
-        made = self.make(*(value for array in self.of for value in (_at(array), len(array))))
+        arrays = (value for array in self.of for value in (_at(array), len(array)))
+        made = self.make(*arrays, self.robust)
 
         def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> np.ndarray:
             found = np.empty(len(origins), bool if any_hit else np.float32)
@@ -143,10 +147,10 @@ def _library() -> ctypes.CDLL:
         except (OSError, subprocess.CalledProcessError) as error:
             raise BenchError(f"{source.name} could not be compiled: {error}") from error
         library = ctypes.CDLL(str(made))
-    array, count = ctypes.c_void_p, ctypes.c_size_t
+    array, count, flag = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_bool
     for name, result, arguments in (
-        ("triangles", ctypes.c_void_p, [array, count, array, count]),
-        ("spheres", ctypes.c_void_p, [array, count]),
+        ("triangles", ctypes.c_void_p, [array, count, array, count, flag]),
+        ("spheres", ctypes.c_void_p, [array, count, flag]),
         ("release", None, [ctypes.c_void_p]),
         ("nearest", None, [ctypes.c_void_p, array, array, count, array]),
         ("any", None, [ctypes.c_void_p, array, array, count, array]),
@@ -156,4 +160,8 @@ def _library() -> ctypes.CDLL:
     return library
 
 
-PROGRAMS: dict[str, Any] = {"parhelion": _Ours, "embreex": _Embree}
+PROGRAMS: dict[str, Any] = {
+    OURS: _Ours,
+    EMBREE: _Embree,
+    ROBUST: partial(_Embree, robust=True),
+}
