@@ -125,7 +125,7 @@ def rays(rows: Rows) -> Figure | None:
                 axis.semilogx(*zip(*points, strict=True), line, color=COLORS[program], label=label)
         axis.set(title=kind, xlabel="primitives", ylim=(0, None))
     axes[0].set_ylabel("M rays/s, one thread")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 

@@ -11,10 +11,10 @@ namespace parhelion::PH_ISA {
 // By lane, as in Slabs.
 struct SlabRows {
   Rows<Vec3, kBatch> inverse, inverse_far;
-  u32 sign[3][kBatch];
+  u32 entry[3][kBatch];
 
   PH_INLINE Slabs at(u32 k, Vec3 origin) const {
-    return {origin, inverse.at(k), inverse_far.at(k), {sign[0][k], sign[1][k], sign[2][k]}};
+    return {origin, inverse.at(k), inverse_far.at(k), {entry[0][k], entry[1][k], entry[2][k]}};
   }
 };
 
@@ -24,7 +24,7 @@ PH_APART inline void find_slabs(const Rows<Vec3, kBatch>& __restrict direction,
     const Slabs own = slabs_of({0, 0, 0}, direction.at(k));
     slabs.inverse.set(k, own.inverse);
     slabs.inverse_far.set(k, own.inverse_far);
-    for (u32 axis = 0; axis < 3; ++axis) slabs.sign[axis][k] = own.sign[axis];
+    for (u32 axis = 0; axis < 3; ++axis) slabs.entry[axis][k] = own.entry[axis];
   }
 }
 

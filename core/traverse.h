@@ -128,30 +128,31 @@ PH_INLINE bool test_leaf(const SceneView& scene, Child leaf, const Ray& ray, Nea
 struct Slabs {
   Vec3 origin, inverse;
   Vec3 inverse_far;  // with the slack, for where boxes are left
-  u32 sign[3];
+  u32 entry[3];      // where a node's bounds begin that the ray enters by, x, y and z
 };
 
 PH_INLINE Slabs slabs_of(Vec3 origin, Vec3 d) {
   const Vec3 inverse = {1.0f / d.x, 1.0f / d.y, 1.0f / d.z};
-  return {origin,
-          inverse,
-          inverse * kSlabSlack,
-          {inverse.x < 0.0f, inverse.y < 0.0f, inverse.z < 0.0f}};
+  return {
+      origin,
+      inverse,
+      inverse * kSlabSlack,
+      {inverse.x < 0.0f ? 48u : 0u, inverse.y < 0.0f ? 64u : 16u, inverse.z < 0.0f ? 80u : 32u}};
 }
 
 // Bit i: the ray meets child i's box before `limit`, which has the slack; near: where.
 PH_INLINE u32 test_boxes(const Node& node, const Slabs& ray, float limit, Lanes& near) {
-  const float (*bound)[16] = node.low;  // low and high are one array of six rows
+  const float* const bounds = node.low[0];  // low and high are one array of six rows
   const Vec3 o = ray.origin, in = ray.inverse, out = ray.inverse_far;
-  const Lanes x0 = (load(bound[0 + 3 * ray.sign[0]]) - all(o.x)) * all(in.x);
-  const Lanes x1 = (load(bound[3 - 3 * ray.sign[0]]) - all(o.x)) * all(out.x);
-  const Lanes y0 = (load(bound[1 + 3 * ray.sign[1]]) - all(o.y)) * all(in.y);
-  const Lanes y1 = (load(bound[4 - 3 * ray.sign[1]]) - all(o.y)) * all(out.y);
-  const Lanes z0 = (load(bound[2 + 3 * ray.sign[2]]) - all(o.z)) * all(in.z);
-  const Lanes z1 = (load(bound[5 - 3 * ray.sign[2]]) - all(o.z)) * all(out.z);
+  const auto entered = [&](u32 axis) { return load(bounds + ray.entry[axis]); };
+  // The other of the axis's rows: their places add up to 48, 80 and 112.
+  const auto left = [&](u32 axis) { return load(bounds + (48 + 32 * axis - ray.entry[axis])); };
+  const Lanes x0 = (entered(0) - all(o.x)) * all(in.x), x1 = (left(0) - all(o.x)) * all(out.x);
+  const Lanes y0 = (entered(1) - all(o.y)) * all(in.y), y1 = (left(1) - all(o.y)) * all(out.y);
+  const Lanes z0 = (entered(2) - all(o.z)) * all(in.z), z1 = (left(2) - all(o.z)) * all(out.z);
   // A ray within a box's plane makes 0 * inf = NaN, which min and max then pass over.
-  near = max(x0, max(y0, max(z0, all(0.0f))));
-  return bits(near <= min(x1, min(y1, min(z1, all(limit)))));
+  near = max(max(x0, y0), max(z0, all(0.0f)));
+  return bits(near <= min(min(x1, y1), min(z1, all(limit))));
 }
 
 // Puts the children of a node that a ray meets, a bit for each in `hits`, on the stack, but for the
