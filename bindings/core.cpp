@@ -424,7 +424,8 @@ std::tuple<double, double> cost_of_tree(const Scene& scene) {
 constexpr size_t kRaysAtOnce = 256;
 
 // Calls f(first, rays, count) for so many rays at a time, which are given in the user's units:
-// origins and unit directions.
+// origins and unit directions. Called without the GIL: who changes the arrays meanwhile changes
+// what is found, as with NumPy's own functions.
 template <class F>
 void for_rays(const Scene& scene, const FloatRows& origins, const FloatRows& directions, F&& f) {
   const float scale = static_cast<float>(scene.scale());
@@ -457,7 +458,7 @@ std::tuple<nb::object, nb::object> intersect(const Scene& scene, const FloatRows
   nb::object ids = make_array<i64>({origins.shape(0)}, id);
   {
     nb::gil_scoped_release unlocked;
-    const SceneView view = scene.view();
+    const SceneView& view = scene.view();
     const float unscale = static_cast<float>(1.0 / scene.scale());
     float limit[kRaysAtOnce];
     std::fill_n(limit, kRaysAtOnce, kInfinity);
@@ -486,7 +487,7 @@ nb::object occluded(const Scene& scene, const FloatRows& origins, const FloatRow
   nb::object result = make_array<u8>({origins.shape(0)}, out);
   const Kernels& k = kernels(isa);
   nb::gil_scoped_release unlocked;
-  const SceneView view = scene.view();
+  const SceneView& view = scene.view();
   const float scale = static_cast<float>(scene.scale());
   float limit[kRaysAtOnce];
   for_rays(scene, origins, directions, [&](size_t first, const Ray* rays, size_t count) {

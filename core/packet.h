@@ -31,10 +31,13 @@ PH_INLINE int common_axis(const Rows<Vec3, kBatch>& direction, u32 lanes) {
 }
 
 // False where there are none, as directions differ in sign, have a 0 or run fastest along other
-// axes, or something is no number; a NaN that is passed over instead does no harm, as its ray meets
-// nothing.
+// axes, or something is no number.
 PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBatch>& direction,
                          u32 lanes, Bundle& b) {
+  u32 numbers = 0;
+  for (u32 k = 0; k < kBatch; ++k)
+    numbers |= (finite(origin.at(k)) & finite(direction.at(k)) ? 1u : 0u) << k;
+  if ((lanes & ~numbers) != 0) return false;
   Vec3 d_low, d_high;
   bounds_of(origin, lanes, b.low, b.high);
   bounds_of(direction, lanes, d_low, d_high);
@@ -49,8 +52,7 @@ PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBat
   b.radius = length(b.origin_off), b.spread = length(b.direction_off);
   b.along = common_axis(direction, lanes);
   return b.along >= 0 && d_low.x * d_high.x > 0.0f && d_low.y * d_high.y > 0.0f &&
-         d_low.z * d_high.z > 0.0f && finite(b.inverse_low) && finite(b.inverse_high) &&
-         finite(b.low) && finite(b.high);
+         d_low.z * d_high.z > 0.0f && finite(b.inverse_low) && finite(b.inverse_high);
 }
 
 // Bit i: some ray may meet child i's box before `limit`, at near[i] at the earliest.

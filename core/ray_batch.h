@@ -47,9 +47,10 @@ PH_INLINE u32 walk_each(const SceneView& scene, const Rows<Vec3, kBatch>& direct
   Stack::Start start[kBatch];
   for_each_bit(lanes, [&](u32 k) {
     Lanes near;
-    const Slabs own = slabs.at(k, ray_at(k).origin);
+    const Ray ray = ray_at(k);
+    const Slabs own = slabs.at(k, ray.origin);
     const u32 met = test_boxes(root, own, best[k].hit.t * kSlabSlack, near);
-    Stack::prepare<kAny>(root, near, met, start[k]);
+    Stack::prepare<kAny>(root, near, is_number(ray) ? met : 0, start[k]);
   });
   for_each_bit(lanes, [&](u32 k) {
     const Ray ray = ray_at(k);

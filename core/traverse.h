@@ -133,26 +133,28 @@ struct Slabs {
 
 PH_INLINE Slabs slabs_of(Vec3 origin, Vec3 d) {
   const Vec3 inverse = {1.0f / d.x, 1.0f / d.y, 1.0f / d.z};
-  return {
-      origin,
-      inverse,
-      inverse * kSlabSlack,
-      {inverse.x < 0.0f ? 48u : 0u, inverse.y < 0.0f ? 64u : 16u, inverse.z < 0.0f ? 80u : 32u}};
+  const auto entry = [](u32 axis, float along) { return 16 * axis + (along < 0.0f ? 48u : 0u); };
+  return {origin,
+          inverse,
+          inverse * kSlabSlack,
+          {entry(0, inverse.x), entry(1, inverse.y), entry(2, inverse.z)}};
 }
 
 // Bit i: the ray meets child i's box before `limit`, which has the slack; near: where.
 PH_INLINE u32 test_boxes(const Node& node, const Slabs& ray, float limit, Lanes& near) {
-  const float* const bounds = node.low[0];  // low and high are one array of six rows
+  static_assert(__builtin_offsetof(Node, high) == sizeof(node.low));
+  const float* const bounds = node.low[0];  // low and high are one array of six rows of sixteen
   const Vec3 o = ray.origin, in = ray.inverse, out = ray.inverse_far;
   const auto entered = [&](u32 axis) { return load(bounds + ray.entry[axis]); };
-  // The other of the axis's rows: their places add up to 48, 80 and 112.
+  // The other of the axis's rows: one begins at 16 axis, the other 48 later.
   const auto left = [&](u32 axis) { return load(bounds + (48 + 32 * axis - ray.entry[axis])); };
   const Lanes x0 = (entered(0) - all(o.x)) * all(in.x), x1 = (left(0) - all(o.x)) * all(out.x);
   const Lanes y0 = (entered(1) - all(o.y)) * all(in.y), y1 = (left(1) - all(o.y)) * all(out.y);
   const Lanes z0 = (entered(2) - all(o.z)) * all(in.z), z1 = (left(2) - all(o.z)) * all(out.z);
   // A ray within a box's plane makes 0 * inf = NaN, which min and max then pass over.
-  near = max(max(x0, y0), max(z0, all(0.0f)));
-  return bits(near <= min(min(x1, y1), min(z1, all(limit))));
+  // By itself only in this order: of max(max(x0, y0), ...) a NaN of y would pass over x, too.
+  near = max(x0, max(y0, max(z0, all(0.0f))));
+  return bits(near <= min(x1, min(y1, min(z1, all(limit)))));
 }
 
 // Puts the children of a node that a ray meets, a bit for each in `hits`, on the stack, but for the
@@ -228,9 +230,14 @@ PH_INLINE const Group& own_group(const SceneView& scene) {
   return scene.groups[scene.group_count - 1];
 }
 
+// One that is not meets nothing: it would meet all boxes, also those of children that are not
+// there.
+PH_INLINE bool is_number(const Ray& ray) { return finite(ray.origin) & finite(ray.direction); }
+
 // Apart, or sixteen walks that begin together would get fewer registers beside it.
 template <bool kAny>
 PH_APART inline bool walk(const SceneView& scene, const Ray& ray, bool tree, NearestHit& best) {
+  if (!is_number(ray)) return false;
   return tree ? walk_tree<kAny, false>(scene, scene.root, ray, best)
               : walk_all<kAny>(scene, own_group(scene), ray, best);
 }

@@ -168,6 +168,24 @@ def test_more_spheres_around_one_point_than_a_grid_divides() -> None:
     found_as_by_brute_force(built(centers, radii), *random_rays(centers, radii, 2000))
 
 
+@pytest.mark.parametrize("isa", _core.instruction_sets())
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_rays_that_are_no_numbers_meet_nothing(isa: str, bad: float) -> None:
+    rng = np.random.default_rng(12)
+    core = built(rng.uniform(-1, 1, (300, 3)), np.full(300, 0.2))
+    axes = [list(np.flatnonzero([k & 1, k & 2, k & 4])) for k in range(8)]  # none, x, ..., all
+    o, d = np.zeros((64, 3), np.float32), np.full((64, 3), 3**-0.5, np.float32)
+    for k in range(64):
+        o[k, axes[k // 8]] = bad
+        d[k, axes[k % 8]] = bad
+    limits = np.full(64, np.inf, np.float32)
+    for tree in (True, False):
+        met = core.intersect(o, d, tree=tree, isa=isa)[1] >= 0
+        assert met[0]
+        assert not met[1:].any()
+        assert np.array_equal(core.occluded(o, d, limits, tree=tree, isa=isa), met)
+
+
 @by_cloud
 def test_instruction_sets_find_the_same_bits(cloud: Callable[[], Cloud]) -> None:
     centers, radii = cloud()

@@ -76,7 +76,7 @@ void fill(void* geometry, int buffer, int format, const void* from, std::size_t 
 }
 
 // What is one geometry, whose buffers fill_buffers makes. Built at Embree's default quality,
-// medium. robust: no ray passes between neighbours, and numbers are exacter.
+// medium. robust: few rays pass between neighbours, and numbers are exacter.
 template <class Fill>
 void* scene_of(int type, bool robust, Fill&& fill_buffers) {
   static void* const device = rtcNewDevice(nullptr);
