@@ -232,7 +232,7 @@ PH_INLINE const Group& own_group(const SceneView& scene) {
 
 // One that is not meets nothing: it would meet all boxes, also those of children that are not
 // there.
-PH_INLINE bool is_number(const Ray& ray) { return finite(ray.origin) & finite(ray.direction); }
+PH_INLINE bool is_number(const Ray& ray) { return finite(ray.origin) && finite(ray.direction); }
 
 // Apart, or sixteen walks that begin together would get fewer registers beside it.
 template <bool kAny>
