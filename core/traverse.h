@@ -142,7 +142,7 @@ PH_INLINE Slabs slabs_of(Vec3 origin, Vec3 d) {
 
 // Bit i: the ray meets child i's box before `limit`, which has the slack; near: where.
 PH_INLINE u32 test_boxes(const Node& node, const Slabs& ray, float limit, Lanes& near) {
-  static_assert(__builtin_offsetof(Node, high) == sizeof(node.low));
+  static_assert(sizeof(Node) == 2 * sizeof(node.low) + sizeof(node.child));  // no gaps
   const float* const bounds = node.low[0];  // low and high are one array of six rows of sixteen
   const Vec3 o = ray.origin, in = ray.inverse, out = ray.inverse_far;
   const auto entered = [&](u32 axis) { return load(bounds + ray.entry[axis]); };
