@@ -36,7 +36,7 @@ PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBat
                          u32 lanes, Bundle& b) {
   u32 numbers = 0;
   for (u32 k = 0; k < kBatch; ++k)
-    numbers |= (finite(origin.at(k)) && finite(direction.at(k)) ? 1u : 0u) << k;
+    numbers |= (is_number(origin.at(k), direction.at(k)) ? 1u : 0u) << k;
   if ((lanes & ~numbers) != 0) return false;
   Vec3 d_low, d_high;
   bounds_of(origin, lanes, b.low, b.high);

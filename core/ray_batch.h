@@ -50,7 +50,8 @@ PH_INLINE u32 walk_each(const SceneView& scene, const Rows<Vec3, kBatch>& direct
     const Ray ray = ray_at(k);
     const Slabs own = slabs.at(k, ray.origin);
     const u32 met = test_boxes(root, own, best[k].hit.t * kSlabSlack, near);
-    Stack::prepare<kAny>(root, near, is_number(ray) ? met : 0, start[k]);
+    const bool good = is_number(ray.origin, ray.direction);
+    Stack::prepare<kAny>(root, near, good ? met : 0, start[k]);
   });
   for_each_bit(lanes, [&](u32 k) {
     const Ray ray = ray_at(k);

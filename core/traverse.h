@@ -230,14 +230,16 @@ PH_INLINE const Group& own_group(const SceneView& scene) {
   return scene.groups[scene.group_count - 1];
 }
 
-// One that is not meets nothing: it would meet all boxes, also those of children that are not
+// A ray that is not meets nothing: it would meet all boxes, also those of children that are not
 // there.
-PH_INLINE bool is_number(const Ray& ray) { return finite(ray.origin) && finite(ray.direction); }
+PH_INLINE bool is_number(Vec3 origin, Vec3 direction) {
+  return finite(origin) && finite(direction);
+}
 
 // Apart, or sixteen walks that begin together would get fewer registers beside it.
 template <bool kAny>
 PH_APART inline bool walk(const SceneView& scene, const Ray& ray, bool tree, NearestHit& best) {
-  if (!is_number(ray)) return false;
+  if (!is_number(ray.origin, ray.direction)) return false;
   return tree ? walk_tree<kAny, false>(scene, scene.root, ray, best)
               : walk_all<kAny>(scene, own_group(scene), ray, best);
 }
