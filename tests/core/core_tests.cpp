@@ -505,7 +505,7 @@ struct Met {
   template <class Block>
   void look(const Rays& rays, const Block& block, u32 unused) {
     using namespace baseline;
-    Bundle bundle;
+    Bundle bundle = {};
     const bool bounded = bundle_of(rays.origin, rays.direction, 0xffff, bundle);
     bool same = true;
     for (u32 k = 0; k < kBatch; ++k) {
