@@ -37,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
         type=_names(GALLERY),
         default=GALLERY,
         metavar="NAME,...",
-        help="of the groups equal, threads and overhead",
+        help="of the groups equal, sharing, threads and overhead",
     )
     p.add_argument("--rounds", type=_count, default=d.rounds, help=f"default {d.rounds}")
     p.add_argument("--width", type=_count, default=d.width)
@@ -50,6 +50,13 @@ def parser() -> argparse.ArgumentParser:
         "--long",
         action="store_true",
         help="clouds of 1e7 and 1e8 spheres, rays and trees of 1e7, too",
+    )
+    p.add_argument(
+        "--clouds",
+        type=_counts,
+        default=d.clouds,
+        metavar="COUNT,...",
+        help="of how many spheres the group clouds is, such as 3e6,1e9",
     )
     p.add_argument(
         "--cache",
@@ -141,6 +148,16 @@ def _count(value: str) -> int:
     if not value.isdecimal() or int(value) < 1:
         raise argparse.ArgumentTypeError(f"{value!r}: a whole number from 1 is needed")
     return int(value)
+
+
+def _counts(value: str) -> tuple[int, ...]:
+    try:
+        counts = tuple(float(part) for part in value.split(","))
+    except ValueError:
+        counts = ()
+    if not counts or not all(c >= 1 and c.is_integer() for c in counts):
+        raise argparse.ArgumentTypeError(f"{value!r}: whole numbers from 1 are needed, as 3e6,1e9")
+    return tuple(map(int, counts))
 
 
 def _names(known: Iterable[str]) -> Any:

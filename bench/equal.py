@@ -77,7 +77,6 @@ def _scene(folder: Path, rows: list[Row], plan: Any, notes: Any, name: str) -> l
     from tests.reference_tools import save_side_by_side
 
     from parhelion.comparison import relative_mse
-    from parhelion.flatten import flatten
 
     from .gallery import load, picture_job
     from .measure import ALONE, OURS, PEERS
@@ -85,7 +84,6 @@ def _scene(folder: Path, rows: list[Row], plan: Any, notes: Any, name: str) -> l
     pixels = plan.width * plan.height
     scene = load(name, pixels)
     job = picture_job(name, scene, pixels, plan.threads)
-    seen = f"{flatten(scene).sha256()} {scene.camera}"
     path = folder / "part.npy"
     with ExitStack() as stack:
         workers: dict[str, Worker] = {}
@@ -97,7 +95,7 @@ def _scene(folder: Path, rows: list[Row], plan: Any, notes: Any, name: str) -> l
                 worker = Worker(module, job | more)
                 stack.callback(worker.close)
                 worker.render(1)
-                references[peer] = _reference(plan, worker, module, repr((seen, job)), folder)
+                references[peer] = reference(plan, worker, module, job, folder)
             except BenchError as problem:
                 if peer not in PEERS:
                     raise
@@ -193,13 +191,20 @@ def _seconds(few: list[Run], many: list[Run], target: float, error: str, clock: 
     ]
 
 
-def _reference(plan: Any, worker: Worker, module: str, seen: str, folder: Path) -> Any:
-    """The converged picture, from the cache if it has been made with the same code and scene.
+def reference(plan: Any, worker: Worker, module: str, job: dict[str, Any], folder: Path) -> Any:
+    """The converged picture of a scene of the gallery, from the cache if it has been made with the
+    same code and scene.
 
     One for all variants of a renderer.
     """
     import numpy as np
 
+    from parhelion.flatten import flatten
+
+    from .gallery import load
+
+    scene = load(job["scene"], job["pixels"])
+    seen = f"{flatten(scene).sha256()} {scene.camera} {job}"
     known = {k: worker.known.get(k) for k in ("version", "build")}
     key = hashlib.sha256(repr((known, seen, plan.reference_spp)).encode())
     for source in sorted((Path(__file__).parent / "renderers").glob(f"{module}*.py")):

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from .process import Worker, in_turn, run, start_seconds
 from .rays import rays
 from .references import references
 from .scenes import GALLERY, BenchError
+from .sharing import sharing
 from .summary import Row, ratios
 from .threads import EFFICIENCY, threads
 from .trajectories import trajectories
@@ -49,8 +51,8 @@ REFERENCE_SEED = 100_000
 
 @dataclass(frozen=True)
 class Plan:
-    """Settings of all measurements. spheres: the weekend file. scenes: of `equal`, `threads` and
-    `overhead`. long: clouds of 1e7 and 1e8 too.
+    """Settings of all measurements. spheres: the weekend file. scenes: of `equal`, `sharing`,
+    `threads` and `overhead`. long: clouds of 1e7 and 1e8 too. clouds: other numbers of spheres.
     """
 
     spheres: Path
@@ -64,6 +66,7 @@ class Plan:
     reference_spp: int = 4096
     scenes: tuple[str, ...] = GALLERY
     long: bool = False
+    clouds: tuple[int, ...] = ()
     cache: Path = Path(tempfile.gettempdir()) / "parhelion-bench"
 
     def job(self, **more: Any) -> dict[str, Any]:
@@ -158,7 +161,7 @@ def startup(plan: Plan, _notes: Notes) -> list[Row]:
 def clouds(plan: Plan, notes: Notes) -> list[Row]:
     """Boxes of random spheres: tree build, rays a second, memory. A fresh process each time."""
     rows = []
-    for count in (10**5, 10**6) + ((10**7, 10**8) if plan.long else ()):
+    for count in plan.clouds or (10**5, 10**6) + ((10**7, 10**8) if plan.long else ()):
         # glass: every second sphere
         for glass in (False, True) if count <= 10**7 else (False,):
             rows += _cloud(plan, notes, count, glass)
@@ -187,7 +190,9 @@ def _cloud(plan: Plan, notes: Notes, count: int, glass: bool) -> list[Row]:
         ):
             runs.setdefault(name, []).append(value)
     notes.versions[OURS] = worker.known
-    group = f"{count:.0e} spheres".replace("e+0", "e") + (", half of glass" if glass else "")
+    group = f"{Decimal(count).normalize():e} spheres".replace("e+", "e") + (
+        ", half of glass" if glass else ""
+    )
     large = count >= 10**8
     return [
         Row(group, "checks and tree", "s", runs["build"], most=60.0 if large else None),
@@ -260,10 +265,11 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
     "trajectories": trajectories,
     "references": references,
     "noise": noise,
+    "sharing": sharing,
 }
 
 # What is not measured unless it is asked for: whether pictures are right, and what takes long.
-ASKED = ("references", "equal", "threads", "noise")
+ASKED = ("references", "equal", "threads", "noise", "sharing")
 
 
 def alternate(

@@ -224,6 +224,21 @@ def test_the_command_offers_every_scene_of_the_gallery():
     assert tuple(SCENES) == GALLERY
 
 
+def test_clouds_of_any_number_of_spheres(tmp_path: Path):
+    output = tmp_path / "b.json"
+    done = command(
+        *("-m", "bench", "--only", "clouds", "--clouds", "1e3,2500", "--rounds", 1),
+        *("--width", 16, "--height", 9, "-o", output),
+    )
+    assert done.returncode == 0, done.stderr
+    groups = {r["group"] for r in json.loads(output.read_text())["rows"]}
+    plain = {"1e3 spheres", "2.5e3 spheres"}
+    assert groups == plain | {f"{name}, half of glass" for name in plain}
+    done = command("-m", "bench", "--only", "clouds", "--clouds", "1.5,-2")
+    assert done.returncode == 2
+    assert "'1.5,-2': whole numbers from 1 are needed" in done.stderr
+
+
 def test_equal_error_of_a_cloud_without_peers(tmp_path: Path):
     output = tmp_path / "b.json"
     done = command(
@@ -252,6 +267,28 @@ def test_equal_error_of_a_cloud_without_peers(tmp_path: Path):
     assert done.returncode == 1, done.stderr
     # both ways of ours, all pixels and trimmed, by two clocks
     assert done.stdout.count("worse    equal") == 8
+
+
+def test_sharing_beside_each_pixel_by_itself(tmp_path: Path):
+    output = tmp_path / "b.json"
+    done = command(
+        *("-m", "bench", "--only", "sharing", "--scenes", "lamps-1e3", "--spp", 4),
+        *("--width", 32, "--height", 24, "--rounds", 2, "--reference-spp", 128),
+        *("--cache", tmp_path, "-o", output),
+    )
+    assert done.returncode == 0, done.stderr
+    rows = {(r["group"], r["name"]): r for r in json.loads(output.read_text())["rows"]}
+
+    def runs(what: str, way: str) -> list[float]:
+        return rows[f"sharing, lamps-1e3, {what}", way]["runs"]
+
+    for what in ("error", "trimmed error"):
+        for way in ("alone", "shared", "by default"):
+            (error,) = runs(what, way)
+            seconds = runs("processor", way)
+            assert runs(f"{what} x time", way) == [error * s for s in seconds]
+        assert runs(what, "shared") != runs(what, "alone")
+        assert runs(what, "by default") == runs(what, "alone")  # the picture is small
 
 
 def test_threads_by_clock_and_processor(tmp_path: Path):

@@ -48,8 +48,12 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
                 filter_radius=0.5,
                 spp=request["spp"],
                 seed=request["seed"],
-                reuse_paths=job.get("reuse_paths", "auto"),
-                **{"threads": job["threads"], "max_depth": job.get("depth"), **request["options"]},
+                **{
+                    "threads": job["threads"],
+                    "max_depth": job.get("depth"),
+                    "reuse_paths": job.get("reuse_paths", "auto"),
+                    **request["options"],
+                },
             )
         if request["save"]:
             np.save(request["save"], image.numpy())
