@@ -14,21 +14,12 @@
 #include "../../host/distribution.h"
 #include "../../host/light_tree.h"
 #include "../../host/sky.h"
+#include "check.h"
 
 namespace {
 
 using namespace parhelion;
 using namespace parhelion::baseline;
-
-int failures = 0;
-
-#define CHECK(condition)                                                  \
-  do {                                                                    \
-    if (!(condition)) {                                                   \
-      std::printf("%s:%d: failed: %s\n", __FILE__, __LINE__, #condition); \
-      ++failures;                                                         \
-    }                                                                     \
-  } while (0)
 
 // Fails unless a is b but for a relative error.
 void near(const char* what, double a, double b, double tolerance) {

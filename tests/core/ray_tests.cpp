@@ -1,0 +1,325 @@
+// Tests of rays: one by one, sixteen that begin together, and bundles, against each other and
+// against rays that ask every primitive.
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "../../core/packet.h"
+#include "../../core/wavefront.h"
+#include "check.h"
+#include "cloud.h"
+
+namespace {
+
+using namespace parhelion;
+
+// One path at a time, each ray is a walk, and each of them is counted among those that are timed,
+// also where rays pass holes.
+void every_walk_is_counted() {
+  const Cloud cloud(300);
+  for (float opacity : {1.0f, 0.6f}) {
+    SceneInput input = input_of({cloud.group()}, Cloud::materials());
+    for (MaterialRecord& m : input.materials) m.opacity = opacity;
+    const Scene scene(std::move(input));
+    const RenderView view = make_view(scene, 16, 9, SamplerKind::sobol);
+    u64 timed = 0;
+    for (u32 i = 0; i < 16 * 9; ++i) {
+      PathStats stats;
+      stats.walks = kTimedWalks - 1;  // the next is timed
+      baseline::radiance(scene.view(), view, i % 16, i / 16, 0, stats);
+      const u64 walked = stats.walks - (kTimedWalks - 1);
+      CHECK(walked == stats.rays || (walked == 0 && stats.rays == 1));  // it passes the scene by
+      timed += stats.timed_ticks;
+    }
+    CHECK(timed > 0 || compiler::ticks() == 0);
+  }
+}
+
+void rays_meet_the_same_through_the_tree_and_without() {
+  for (size_t n : {0, 1, 15, 16, 17, 300, 20000}) {
+    const Cloud cloud(n);
+    const Scene scene(input_of({cloud.group()}, Cloud::materials()));
+    std::vector<Ray> rays;
+    const float scale = static_cast<float>(scene.scale());
+    for (u32 i = 0; i < 500; ++i) {
+      const auto s = baseline::make_sampler(SamplerKind::independent, 1, 2, i, 3);
+      const Vec2 a = baseline::draw2(s, 0), b = baseline::draw2(s, 1);
+      rays.push_back({{a.x * scale, a.y * scale, b.x * scale},
+                      baseline::uniform_sphere(baseline::draw2(s, 2)),
+                      kNoSlot,
+                      false});
+    }
+    const std::vector<float> limit(rays.size(), kInfinity);
+    std::vector<Hit> tree(rays.size()), brute(rays.size());
+    std::vector<u8> blocked(rays.size());
+    for (const std::string& isa : instruction_sets()) {
+      kernels(isa).intersect(scene.view(), rays.data(), limit.data(), rays.size(), true,
+                             tree.data());
+      kernels(isa).intersect(scene.view(), rays.data(), limit.data(), rays.size(), false,
+                             brute.data());
+      kernels(isa).occluded(scene.view(), rays.data(), limit.data(), rays.size(), true,
+                            blocked.data());
+      for (size_t i = 0; i < rays.size(); ++i) {
+        const bool hit = tree[i].slot.leaf != kNone;
+        CHECK(tree[i].t == brute[i].t && tree[i].slot.leaf == brute[i].slot.leaf &&
+              tree[i].slot.lane == brute[i].slot.lane);
+        CHECK(hit == (blocked[i] != 0));
+      }
+    }
+  }
+}
+
+// As those of a camera do: some lanes of sixteen, from one point or many, at angles from none to
+// such that signs differ, along axes too. And those that begin together and go their own ways.
+void rays_together_meet_what_each_meets() {
+  using namespace baseline;
+  int behind = 0;
+  for (size_t n : {1, 17, 300, 20000}) {
+    const Cloud cloud(n);
+    // Through each sphere a triangle that reaches out of it, twice, of which the first counts.
+    std::vector<double> corners;
+    std::vector<u32> faces;
+    for (u32 i = 0; i < n; ++i) {
+      const double *c = cloud.centers.data() + 3 * i, r = 1.5 * cloud.radii[i];
+      corners.insert(corners.end(), {c[0] - r, c[1], c[2] - 0.4 * r, c[0] + r, c[1] + r, c[2], c[0],
+                                     c[1] - r, c[2] + r});
+    }
+    for (u32 i = 0; i < 6 * n; ++i) faces.push_back(i % static_cast<u32>(3 * n));
+    ShapeInput mesh;
+    mesh.kind = ShapeKind::triangle;
+    mesh.name = "mesh";
+    mesh.count = 2 * n;
+    mesh.vertex_count = 3 * n;
+    mesh.faces = faces.data();
+    mesh.arrays = {{"vertices", corners.data(), true, false, 3}};
+    const Scene scene(input_of({cloud.group(), mesh}, Cloud::materials()));
+    const float scale = static_cast<float>(scene.scale());
+    int bounded = 0, narrow = 0, wide = 0, met = 0, flat = 0;
+    for (u32 i = 0; i < 400; ++i) {
+      const auto s = make_sampler(SamplerKind::independent, 1, 2, i, 5);
+      const float spread = i % 4 == 0 ? 0.0f : i % 4 == 1 ? 1e-4f : i % 4 == 2 ? 0.05f : 1.5f;
+      const u32 lanes = i % 3 == 0 ? 0xffffu : reverse_bits(i * 0x9e3779b9u) >> 16 | 1u;
+      const Vec2 a = draw2(s, 0), b = draw2(s, 1);
+      const Vec3 middle =
+          i % 7 == 0 ? Vec3{0, i % 2 ? -1.0f : 1.0f, 0} : uniform_sphere(draw2(s, 2));
+      Rows<Vec3, kBatch> origin, direction;
+      for (u32 k = 0; k < kBatch; ++k) {
+        const Vec3 way = uniform_sphere(draw2(s, 3 + k));
+        origin.set(k, Vec3{a.x, a.y, b.x} * scale + way * (i % 5 == 0 ? 0.1f * scale : 0.0f));
+        direction.set(k, normalize(middle + way * spread));
+      }
+      float t[kBatch], t_apart[kBatch];
+      SlotRows<kBatch> slot, slot_apart;
+      intersect_close(scene.view(), origin, direction, lanes, t, slot);
+      Bundle bundle;
+      if (bundle_of(origin, direction, lanes, bundle)) {
+        ++bounded;
+        for (size_t node = 0; node < scene.node_count(); ++node) {
+          const Node& over = scene.view().nodes[node];
+          alignas(64) float near[16];
+          Lanes first;
+          const u32 hits = test_boxes(over, bundle, kInfinity, first);
+          store(near, first);
+          for_each_bit(hits, [&](u32 lane) {
+            ++(is_narrow(over, lane, bundle, near[lane]) ? narrow : wide);
+          });
+        }
+      }
+      const auto ray_at = [&](u32 k) { return Ray{origin.at(k), direction.at(k), kNoSlot, false}; };
+      intersect_each(scene.view(), direction, lanes, ray_at, true, t_apart, slot_apart);
+      // And whether anything but the nearest is met before that, or not much farther away.
+      float limit[kBatch];
+      for_each_bit(lanes, [&](u32 k) { limit[k] = t[k] * (k % 2 ? 1.5f : 1.0f); });
+      const u32 hidden = occluded_each(
+          scene.view(), direction, lanes, ray_at, limit, [&](u32 k) { return slot.at(k); }, true);
+      for_each_bit(lanes, [&](u32 k) {
+        Hit alone;
+        met += intersect(scene.view(), ray_at(k), kInfinity, true, alone) ? 1 : 0;
+        if (alone.slot.leaf != kNone && leaf_kind(alone.slot.leaf) == ShapeKind::triangle) {
+          const auto& block = scene.view().triangles[alone.slot.leaf & kLeafIndexMask];
+          CHECK(block.id[alone.slot.lane] < cloud.radii.size() + n);
+          ++flat;
+        }
+        for (const Hit& one : {Hit{t[k], slot.at(k)}, Hit{t_apart[k], slot_apart.at(k)}}) {
+          CHECK(one.t == alone.t && one.slot.leaf == alone.slot.leaf &&
+                one.slot.lane == alone.slot.lane && one.slot.instance == alone.slot.instance);
+        }
+        const bool other = occluded(scene.view(), ray_at(k), limit[k], slot.at(k), true);
+        CHECK((hidden >> k & 1u) == (other ? 1u : 0u));
+        behind += other ? 1 : 0;
+      });
+    }
+    CHECK(bounded > 150 && bounded < 390 && met > 400 && (n == 1 || flat > 100));
+    CHECK(wide > 50 && (n < 300 || narrow > 50));
+  }
+  CHECK(behind > 400);
+}
+
+// Sixteen rays close to each other, as of a camera with a lens or without.
+struct Rays {
+  baseline::Rows<Vec3, baseline::kBatch> origin, direction;
+
+  explicit Rays(u32 i, const baseline::Sampler& s) {
+    using namespace baseline;
+    const float spread = i % 4 == 0 ? 1e-6f : i % 4 == 1 ? 1e-3f : i % 4 == 2 ? 0.02f : 0.3f;
+    const float lens = i % 3 == 0 ? 0.0f : i % 3 == 1 ? 1e-4f : 0.02f;
+    const Vec3 from = uniform_sphere(draw2(s, 0)) * 0.9f;
+    const Vec3 ways[3] = {{1.0f, 0.7f, 0.6f}, {-0.6f, -1.0f, 0.7f}, {0.6f, -0.7f, 1.0f}};
+    const Vec3 middle = normalize(ways[i % 5 % 3] + uniform_sphere(draw2(s, 1)) * 0.2f);
+    for (u32 k = 0; k < kBatch; ++k) {
+      const Vec3 way = uniform_sphere(draw2(s, 2 + k));
+      origin.set(k, from + way * lens);
+      direction.set(k, normalize(middle + way * spread));
+    }
+  }
+  Ray at(u32 k) const { return {origin.at(k), direction.at(k), kNoSlot, false}; }
+};
+
+// What a bundle says its rays may meet of a block, and what each of them meets.
+struct Met {
+  int bundles = 0, hits = 0, left_out = 0;  // bundles: others' rays run fastest along several axes
+
+  template <class Block>
+  void look(const Rays& rays, const Block& block, u32 unused) {
+    using namespace baseline;
+    Bundle bundle = {};
+    const bool bounded = bundle_of(rays.origin, rays.direction, 0xffff, bundle);
+    bool same = true;
+    for (u32 k = 0; k < kBatch; ++k) {
+      const int along = shear_along(rays.direction.at(k)).z;
+      same = same && along == shear_along(rays.direction.at(0)).z;
+      CHECK(!bounded || along == bundle.along);
+    }
+    CHECK(bounded == same);
+    if (!bounded) return;
+    ++bundles;
+    for (const float limit : {kInfinity, 0.5f}) {
+      float limits[kBatch], one[16][kBatch];
+      for (u32 k = 0; k < kBatch; ++k) limits[k] = k % 5 == 4 ? 0.0f : k % 3 == 2 ? 0.1f : limit;
+      for (u32 j = 0; j < 16; ++j) {
+        if (!intersect_rays(primitive(block, j), rays.origin, rays.direction, bundle.along, limits,
+                            one[j])) {
+          std::fill(one[j], one[j] + kBatch, 0.0f);
+        }
+      }
+      const u32 may = intersect_bundle(block, bundle, limit);
+      CHECK((may >> unused & 1u) == 0);
+      left_out += 15 - std::popcount(may);
+      for (u32 k = 0; k < kBatch; ++k) {
+        float t[16];
+        const Ray ray = rays.at(k);
+        const u32 met = intersect(block, ray, limits[k], kNone, t);
+        CHECK((met & ~may) == 0);
+        hits += std::popcount(met);
+        for (u32 j = 0; j < 16; ++j) {
+          CHECK((met >> j & 1u) == (one[j][k] > 0.0f && one[j][k] <= limits[k] ? 1u : 0u));
+          if ((met >> j & 1u) != 0) CHECK(one[j][k] == t[j]);
+        }
+      }
+    }
+  }
+};
+
+// Primitives of all sizes that a bundle's rays graze, miss closely, start in and leave behind.
+void bundles_meet_what_their_rays_meet() {
+  using namespace baseline;
+  Met spheres, triangles;
+  for (u32 i = 0; i < 4000; ++i) {
+    const auto s = make_sampler(SamplerKind::independent, 3, 1, i, 7);
+    const Rays rays(i, s);
+    SphereBlock round = {};
+    TriangleBlock flat = {};
+    for (u32 k = 0; k < 16; ++k) {
+      const Vec2 a = draw2(s, 20 + k), b = draw2(s, 40 + k);
+      const Vec3 o = rays.origin.at(k), d = rays.direction.at(k);
+      const Vec3 aside = frame_along(d, uniform_sphere(draw2(s, 60 + k))).x;
+      const float size = std::exp(-14.0f * a.x), along = 2.0f * a.y - 0.4f;
+      const float near = b.x < 0.5f ? 1.0f + (b.y - 0.5f) * 1e-5f : 4.0f * b.y;  // of its radius
+      const Vec3 center = o + d * along + aside * (size * near);
+      round.x[k] = center.x, round.y[k] = center.y, round.z[k] = center.z;
+      round.radius[k] = size, round.id[k] = k;
+      // Needles, too, and of some a vertex or an edge on the ray.
+      const float thin = k % 3 == 0 ? 1e-3f : 1.0f;
+      Vec3 corner[3] = {center, center + uniform_sphere(draw2(s, 80 + k)) * size,
+                        center + uniform_sphere(draw2(s, 100 + k)) * (size * thin)};
+      if (k % 4 == 1) corner[0] = o + d * along;
+      if (k % 4 == 2) corner[1] = corner[0] - aside * (2.0f * size);
+      if (k % 8 == 3) {  // from a corner on, the others behind it
+        corner[0] = o - d * size + aside * (size * near);
+        corner[1] = o;
+        corner[2] = o - d * (2.0f * size) + uniform_sphere(draw2(s, 100 + k)) * size;
+      }
+      if (k % 8 == 7) {  // along the ray, from behind its origin on
+        corner[0] = o + d * along + aside * (size * 1e-6f);
+        corner[1] = o - d * (2.0f * a.y);
+        corner[2] = o + d * size - aside * (size * 1e-6f);
+      }
+      for (u32 c = 0; c < 3; ++c) {
+        flat.vertex[c][0][k] = corner[c].x, flat.vertex[c][1][k] = corner[c].y;
+        flat.vertex[c][2][k] = corner[c].z;
+      }
+      flat.id[k] = k;
+    }
+    const u32 unused = i % 16;
+    const float none = std::numeric_limits<float>::quiet_NaN();
+    round.x[unused] = round.y[unused] = round.z[unused] = none;
+    for (auto& corner : flat.vertex) {
+      for (auto& axis : corner) axis[unused] = none;
+    }
+    spheres.look(rays, round, unused);
+    triangles.look(rays, flat, unused);
+  }
+  CHECK(spheres.bundles > 3000 && spheres.bundles < 4000 && triangles.bundles == spheres.bundles);
+  CHECK(spheres.hits > 80000 && spheres.left_out > 20000);
+  CHECK(triangles.hits > 30000 && triangles.left_out > 20000);
+}
+
+// Triangles without an area, aimed at: neither nearest hits nor shadow rays meet them.
+void lines_stop_nothing() {
+  const std::vector<float> vertices = {0.125f, 0.25f, 0.5f, 0.375f, 0.75f, 0.75f,
+                                       0.625f, 1.25f, 1.0f, 0.375f, 0.75f, 0.75f};
+  const std::vector<u32> faces = {0, 1, 2, 0, 1, 3, 2, 2, 2};
+  ShapeInput lines;
+  lines.kind = ShapeKind::triangle;
+  lines.name = "lines";
+  lines.count = faces.size() / 3;
+  lines.vertex_count = vertices.size() / 3;
+  lines.faces = faces.data();
+  lines.arrays = {{"vertices", vertices.data(), false, false, 3}};
+  const Scene scene(input_of({lines}, Cloud::materials()));
+  std::mt19937 engine(5);
+  std::uniform_real_distribution<float> uniform(0.0f, 1.0f);
+  for (int i = 0; i < 2000; ++i) {
+    const float at = uniform(engine);
+    const Vec3 target = {0.125f + 0.5f * at, 0.25f + at, 0.5f + 0.5f * at};
+    const Vec3 from = {uniform(engine), uniform(engine), uniform(engine)};
+    const Vec3 way = {target.x - from.x, target.y - from.y, target.z - from.z};
+    const float unit = static_cast<float>(1.0 / scene.view().unit);
+    const Ray ray = {{from.x * unit, from.y * unit, from.z * unit}, way, kNoSlot, false};
+    const float limit = kInfinity;
+    for (const bool tree : {true, false}) {
+      Hit hit;
+      u8 blocked = 1;
+      kernels().intersect(scene.view(), &ray, &limit, 1, tree, &hit);
+      kernels().occluded(scene.view(), &ray, &limit, 1, tree, &blocked);
+      CHECK(hit.slot.leaf == kNone && blocked == 0);
+    }
+  }
+}
+
+}  // namespace
+
+int main() {
+  every_walk_is_counted();
+  rays_meet_the_same_through_the_tree_and_without();
+  rays_together_meet_what_each_meets();
+  bundles_meet_what_their_rays_meet();
+  lines_stop_nothing();
+  release_threads();
+  std::printf("ray tests: %d failed\n", failures);
+  return failures == 0 ? 0 : 1;
+}
