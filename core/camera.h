@@ -40,7 +40,8 @@ enum class Sight : u32 { scene, background, nothing };
 
 namespace parhelion::PH_ISA {
 
-// Distance at which a line enters a box; 0 from inside, infinity for a miss.
+// Distance at which a line is about to enter a box; 0 from inside, infinity for a miss. Short of it
+// by some of the box's size, since what lies in its sides is to be met from outside.
 PH_INLINE double entry(DVec3 origin, DVec3 direction, const Box& box) {
   const auto least = [](double a, double b) { return a < b ? a : b; };
   const auto most = [](double a, double b) { return a > b ? a : b; };
@@ -52,7 +53,10 @@ PH_INLINE double entry(DVec3 origin, DVec3 direction, const Box& box) {
   const double near = most(least(z0, z1), most(least(y0, y1), most(least(x0, x1), 0.0)));
   const double infinity = static_cast<double>(kInfinity);
   const double far = least(most(z1, z0), least(most(y1, y0), least(most(x1, x0), infinity)));
-  return near <= far ? near : infinity;
+  const double size = static_cast<double>(box.high.x - box.low.x) +
+                      static_cast<double>(box.high.y - box.low.y) +
+                      static_cast<double>(box.high.z - box.low.z);
+  return near <= far ? most(near - size * 0x1p-12, 0.0) : infinity;
 }
 
 // Samples whose camera rays are made at once, each step for all of them before the next: loops of a

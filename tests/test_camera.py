@@ -324,6 +324,20 @@ def test_orthographic_sizes_do_not_depend_on_distance() -> None:
     np.testing.assert_allclose(areas, math.pi, rtol=5e-3)
 
 
+@pytest.mark.parametrize("height", [0.0, 0.3])
+@pytest.mark.parametrize("told", [{"projection": "orthographic", "height": 1.0}, {"vfov": 20.0}])
+@pytest.mark.parametrize("eye", [(0, 0, 3), (0.4, 0.3, 3.1)])
+def test_a_disk_is_seen_in_which_all_of_the_scene_lies(
+    eye: tuple[float, ...], told: dict[str, object], height: float
+) -> None:
+    """Nor does anything else get lost that lies in a side of the scene's bounds."""
+    camera = ph.Camera(eye=eye, target=(eye[0] / 4, eye[1] / 4, height), up=(0, 1, 0), **told)
+    at = ph.Disks([[0, 0, height]], [[2, 0, 0]], [[0, 2, 0]], SHINING)
+    for disk in (at, ph.Instances([at], [np.eye(4)])):
+        pixels = render(ph.Scene([disk], camera=camera, background=BLACK), width=24, height=24)
+        assert np.all(pixels == 1.0)
+
+
 # --- Cameras without a meaning -----------------------------------------------------------------
 
 NAN, INF = math.nan, math.inf
