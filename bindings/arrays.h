@@ -7,9 +7,17 @@
 #include <utility>
 #include <vector>
 
+#include "../core/types.h"
 #include "../host/array.h"
 
 namespace parhelion {
+
+using FloatRows = nanobind::ndarray<const float, nanobind::shape<-1, 3>, nanobind::c_contig,
+                                    nanobind::device::cpu>;
+using Floats =
+    nanobind::ndarray<const float, nanobind::ndim<1>, nanobind::c_contig, nanobind::device::cpu>;
+
+inline const Vec3* vectors(const FloatRows& a) { return reinterpret_cast<const Vec3*>(a.data()); }
 
 // A new array that owns its data.
 template <class T>

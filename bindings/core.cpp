@@ -28,6 +28,7 @@
 #include "arrays.h"
 #include "loading.h"
 #include "pixel.h"
+#include "rays.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -36,14 +37,10 @@ namespace parhelion {
 namespace {
 
 using AnyArray = nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>;
-using FloatRows = nb::ndarray<const float, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 using FloatPairs = nb::ndarray<const float, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
-using Floats = nb::ndarray<const float, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Indices = nb::ndarray<const u32, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Triple = std::array<float, 3>;
 using DTriple = std::array<double, 3>;
-
-const Vec3* vectors(const FloatRows& a) { return reinterpret_cast<const Vec3*>(a.data()); }
 
 // --- The lists of the core ---------------------------------------------------------------------
 
@@ -418,83 +415,6 @@ nb::dict scene_stats(const Scene& scene) {
 std::tuple<double, double> cost_of_tree(const Scene& scene) {
   const TreeCost cost = tree_cost(scene.view());
   return {cost.nodes, cost.leaves};
-}
-
-// As many rays, and what is found of them, as stay in the first cache (16 KB).
-constexpr size_t kRaysAtOnce = 256;
-
-// Calls f(first, rays, count) for so many rays at a time, which are given in the user's units:
-// origins and unit directions. Called without the GIL: who changes the arrays meanwhile changes
-// what is found, as with NumPy's own functions.
-template <class F>
-void for_rays(const Scene& scene, const FloatRows& origins, const FloatRows& directions, F&& f) {
-  const float scale = static_cast<float>(scene.scale());
-  const size_t n = origins.shape(0);
-  Ray rays[kRaysAtOnce];
-  for (size_t first = 0; first < n; first += kRaysAtOnce) {
-    const size_t count = std::min(kRaysAtOnce, n - first);
-    for (size_t i = 0; i < count; ++i) {
-      const Vec3 o = vectors(origins)[first + i];
-      const Vec3 scaled = {o.x * scale, o.y * scale, o.z * scale};
-      rays[i] = {scaled, vectors(directions)[first + i], kNoSlot, false};
-    }
-    f(first, rays, count);
-  }
-}
-
-void check_rays(const FloatRows& origins, const FloatRows& directions) {
-  if (origins.shape(0) == directions.shape(0)) return;
-  throw nb::type_error("as many origins as directions are needed");
-}
-
-std::tuple<nb::object, nb::object> intersect(const Scene& scene, const FloatRows& origins,
-                                             const FloatRows& directions, bool tree,
-                                             const std::string& isa) {
-  check_rays(origins, directions);
-  const Kernels& k = kernels(isa);
-  float* t;
-  i64* id;
-  nb::object ts = make_array<float>({origins.shape(0)}, t);
-  nb::object ids = make_array<i64>({origins.shape(0)}, id);
-  {
-    nb::gil_scoped_release unlocked;
-    const SceneView& view = scene.view();
-    const float unscale = static_cast<float>(1.0 / scene.scale());
-    float limit[kRaysAtOnce];
-    std::fill_n(limit, kRaysAtOnce, kInfinity);
-    Hit hits[kRaysAtOnce];
-    for_rays(scene, origins, directions, [&](size_t first, const Ray* rays, size_t count) {
-      k.intersect(view, rays, limit, count, tree, hits);
-      for (size_t i = 0; i < count; ++i) {
-        const Slot slot = hits[i].slot;
-        t[first + i] = hits[i].t * unscale;
-        i64& own = id[first + i];
-        own = -1;
-        if (slot.leaf == kNone) continue;
-        baseline::with_primitive(view, slot,
-                                 [&](const auto&, u32 primitive) { own = i64{primitive}; });
-      }
-    });
-  }
-  return {ts, ids};
-}
-
-nb::object occluded(const Scene& scene, const FloatRows& origins, const FloatRows& directions,
-                    const Floats& limits, bool tree, const std::string& isa) {
-  check_rays(origins, directions);
-  if (limits.shape(0) != origins.shape(0)) throw nb::type_error("a limit is needed for each ray");
-  u8* out;
-  nb::object result = make_array<u8>({origins.shape(0)}, out);
-  const Kernels& k = kernels(isa);
-  nb::gil_scoped_release unlocked;
-  const SceneView& view = scene.view();
-  const float scale = static_cast<float>(scene.scale());
-  float limit[kRaysAtOnce];
-  for_rays(scene, origins, directions, [&](size_t first, const Ray* rays, size_t count) {
-    for (size_t i = 0; i < count; ++i) limit[i] = limits.data()[first + i] * scale;
-    k.occluded(view, rays, limit, count, tree, out + first);
-  });
-  return result;
 }
 
 // --- View and film -----------------------------------------------------------------------------
@@ -901,7 +821,8 @@ NB_MODULE(_core, m) {
     }
   });
 
-  nb::class_<Scene>(m, "Scene", "Shapes, materials and lights, checked, with their trees.")
+  nb::class_<Scene> scene(m, "Scene", "Shapes, materials and lights, checked, with their trees.");
+  scene
       .def(
           "__init__",
           [](Scene* self, const nb::dict& parts, std::optional<u64> memory_limit) {
@@ -914,10 +835,8 @@ NB_MODULE(_core, m) {
       .def("set_lights", &set_lights, "lights"_a)
       .def("stats", &scene_stats)
       .def("tree_cost", &cost_of_tree)
-      .def("intersect", &intersect, "origins"_a, "directions"_a, "tree"_a = true, "isa"_a = "")
-      .def("occluded", &occluded, "origins"_a, "directions"_a, "limits"_a, "tree"_a = true,
-           "isa"_a = "")
       .def("light_sample", &light_sample, "origin"_a, "seed"_a, "n"_a);
+  bind_rays(m, scene);
 
   nb::class_<RenderView>(m, "View", "A camera and settings, checked.")
       .def("but", &but, "seed"_a, "reuse_paths"_a);

@@ -66,21 +66,10 @@ class Recorder {
     }
   }
 
-  PrimitivePlace place(Slot slot, u32 id) const {
-    const ShapeRecord& shape = shape_of(scene_, id);
-    PrimitivePlace p{static_cast<u32>(&shape - scene_.shapes), id - shape.first_id};
-    if (slot.instance != kNone) {
-      const Instance& instance = scene_.instances[slot.instance];
-      p.instances = instance.shape;
-      p.copy = instance.id - scene_.shapes[instance.shape].first_id;
-    }
-    return p;
-  }
-
   void met(const Paths& path, const Vertices& v, Fate fate) {
     const Surface s = v.surface(0, path.slot.at(0));
     TracedVertex t{};
-    t.place = place(s.slot, s.id);
+    t.place = place_of(scene_, *s.shape, s.id, s.slot);
     t.material =
         static_cast<u32>((fate == Fate::scatters ? v.record[0] : s.material) - scene_.materials);
     t.depth = path.depth[0];
@@ -135,7 +124,7 @@ class Recorder {
     const Slot slot = v.light_slot[0];
     if (slot.leaf != kNone) {
       const u32 id = with_primitive(scene_, slot, [](const auto&, u32 own) { return own; });
-      light.place = place(slot, id);
+      light.place = place_of(scene_, shape_of(scene_, id), id, slot);
     } else {
       light.record = pick_light(scene_, v.receiver.at(0), v.highlight.at(0), light_number_).record;
     }

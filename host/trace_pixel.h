@@ -2,15 +2,10 @@
 #pragma once
 #include <vector>
 
+#include "place.h"
 #include "scene.h"
 
 namespace parhelion {
-
-// A primitive by the user's shape, its number in it, and, in a copy, the shape of instances and
-// the number of the copy; kNone where there is none.
-struct PrimitivePlace {
-  u32 shape = kNone, primitive = kNone, instances = kNone, copy = kNone;
-};
 
 // Light that was asked for at a vertex.
 struct TracedLight {

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .pixel import LightSample, PathVertex, PixelPath, trace_pixel
     from .progress import Progress
     from .provenance import rerender
+    from .rays import Hits, intersect, occluded
     from .renderer import Prepared, prepare, render
     from .saving import save
     from .scene import (
@@ -92,6 +93,9 @@ _HOMES = {
     "frames_of": "objects",
     "Prepared": "renderer",
     "Progress": "progress",
+    "Hits": "rays",
+    "intersect": "rays",
+    "occluded": "rays",
     "prepare": "renderer",
     "render": "renderer",
     "Background": "scene",
@@ -130,6 +134,7 @@ __all__ = [
     "Disks",
     "FormatError",
     "Framing",
+    "Hits",
     "Image",
     "Instances",
     "Light",
@@ -152,9 +157,11 @@ __all__ = [
     "compare",
     "conductor",
     "frames_of",
+    "intersect",
     "load",
     "load_frames",
     "merge",
+    "occluded",
     "prepare",
     "render",
     "rerender",

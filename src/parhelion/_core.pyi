@@ -1,4 +1,4 @@
-"""Types of the compiled module; bindings/core.cpp is its source."""
+"""Types of the compiled module; bindings/ is its source."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -22,6 +22,32 @@ class Scene:
     def light_sample(
         self, origin: Sequence[float], seed: int, n: int
     ) -> tuple[Floats, Floats, Floats, Floats]: ...
+
+def intersect_rays(
+    scene: Scene,
+    origins: NDArray[np.float64] | None,
+    from_: NDArray[np.uint32] | None,
+    directions: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    tree: bool,
+    isa: str,
+) -> tuple[
+    NDArray[np.float64],
+    NDArray[np.int32],
+    NDArray[np.int64],
+    NDArray[np.int32],
+    NDArray[np.int64],
+    NDArray[np.uint32],
+]: ...
+def occluded_rays(
+    scene: Scene,
+    origins: NDArray[np.float64] | None,
+    from_: NDArray[np.uint32] | None,
+    directions: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    tree: bool,
+    isa: str,
+) -> NDArray[np.uint8]: ...
 
 class View:
     def but(self, seed: int, reuse_paths: bool) -> View: ...

@@ -1,8 +1,12 @@
 // Tests of rays: one by one, sixteen that begin together, and bundles, against each other and
 // against rays that ask every primitive.
+#include <omp.h>
+
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <random>
 #include <string>
@@ -10,6 +14,7 @@
 
 #include "../../core/packet.h"
 #include "../../core/wavefront.h"
+#include "../../host/rays.h"
 #include "check.h"
 #include "cloud.h"
 
@@ -180,7 +185,7 @@ struct Rays {
 };
 
 // What a bundle says its rays may meet of a block, and what each of them meets.
-struct Met {
+struct BundleMet {
   int bundles = 0, hits = 0, left_out = 0;  // bundles: others' rays run fastest along several axes
 
   template <class Block>
@@ -227,7 +232,7 @@ struct Met {
 // Primitives of all sizes that a bundle's rays graze, miss closely, start in and leave behind.
 void bundles_meet_what_their_rays_meet() {
   using namespace baseline;
-  Met spheres, triangles;
+  BundleMet spheres, triangles;
   for (u32 i = 0; i < 4000; ++i) {
     const auto s = make_sampler(SamplerKind::independent, 3, 1, i, 7);
     const Rays rays(i, s);
@@ -311,6 +316,68 @@ void lines_stop_nothing() {
   }
 }
 
+// By all threads and without the tree; those that set off from what others have met, too.
+void rays_of_users_meet_the_same_by_all_threads() {
+  const Cloud cloud(300);
+  const Scene scene(input_of({cloud.group()}, Cloud::materials()));
+  const size_t n = 5000;  // more than one thread takes alone
+  std::mt19937 engine(3);
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  std::vector<std::array<double, 3>> origins(n), directions(n);
+  for (auto* rows : {&origins, &directions}) {
+    for (auto& row : *rows) row = {uniform(engine), uniform(engine), uniform(engine)};
+  }
+  const std::vector<double> limits(n, 3.0);
+  const auto rows = [](const std::vector<std::array<double, 3>>& of) {
+    return reinterpret_cast<const double (*)[3]>(of.data());
+  };
+  struct Found {
+    std::vector<double> distance;
+    std::vector<std::int32_t> shape, instances;
+    std::vector<std::int64_t> primitive, copy;
+    std::vector<Met> met;
+    std::vector<u8> blocked;
+
+    Found(const Scene& of, const UserRays& rays, bool tree)
+        : distance(rays.n),
+          shape(rays.n),
+          instances(rays.n),
+          primitive(rays.n),
+          copy(rays.n),
+          met(rays.n),
+          blocked(rays.n) {
+      check(rays);
+      intersect(of, kernels(), rays, 0, rays.n, tree,
+                {distance.data(), shape.data(), primitive.data(), instances.data(), copy.data(),
+                 met.data()});
+      occluded(of, kernels(), rays, 0, rays.n, tree, blocked.data());
+    }
+  };
+  UserRays rays{n, rows(origins), nullptr, rows(directions), limits.data()};
+  omp_set_num_threads(3);
+  const Found first(scene, rays, true), brute(scene, rays, false);
+  std::vector<Met> from;
+  for (size_t i = 0; i < n; ++i) {
+    const bool hit = first.shape[i] == 0;
+    CHECK(hit == (first.blocked[i] != 0) && hit == (first.primitive[i] >= 0));
+    CHECK(hit == (first.distance[i] <= 3.0001) && first.copy[i] == -1);
+    CHECK(first.distance[i] == brute.distance[i] && first.primitive[i] == brute.primitive[i]);
+    CHECK(first.blocked[i] == brute.blocked[i]);
+    if (hit) from.push_back(first.met[i]);
+  }
+  CHECK(from.size() > n / 4 && from.size() < n);
+  rays = {from.size(), nullptr, from.data(), rows(directions), limits.data()};
+  const Found second(scene, rays, true), slowly(scene, rays, false);
+  CHECK(second.distance == slowly.distance && second.primitive == slowly.primitive);
+  from[5].slot = kNoSlot;
+  CHECK(message_of([&] { check(rays); }).find("origins[5] has met nothing") == 0);
+  omp_set_num_threads(omp_get_num_procs());
+  rays = {n, rows(origins), nullptr, rows(directions), limits.data()};
+  directions[7] = {0.0, 0.0, 0.0};
+  origins[6][1] = NAN;
+  CHECK(message_of([&] { check(rays); }).find("origins[6] is (") == 0);
+}
+
 }  // namespace
 
 int main() {
@@ -319,6 +386,7 @@ int main() {
   rays_together_meet_what_each_meets();
   bundles_meet_what_their_rays_meet();
   lines_stop_nothing();
+  rays_of_users_meet_the_same_by_all_threads();
   release_threads();
   std::printf("ray tests: %d failed\n", failures);
   return failures == 0 ? 0 : 1;

@@ -1,0 +1,50 @@
+// Rays of the user's own against a scene: many at a time, by all threads.
+#pragma once
+#include <cstddef>
+#include <cstdint>
+
+#include "kernel_table.h"
+#include "scene.h"
+
+namespace parhelion {
+
+// The point of a surface that a ray has met: all that it takes to set off from there without
+// meeting the same surface again. Normalised units.
+struct Met {
+  Slot slot;
+  Vec3 point, normal;  // outward, unit
+  float error;         // the true surface is no farther from the point
+  u32 inside_out;      // whether the shape's inside is where its normals point to
+};
+
+// In the user's units, of each of n rays. They set off from `origins`, or, where that is null, from
+// what others have met: on the side that they go to.
+struct UserRays {
+  size_t n;
+  const double (*origins)[3];
+  const Met* from;
+  const double (*directions)[3];  // of any length but 0
+  const double* limits;           // what is farther is not looked for; infinity for none
+};
+
+// Of each ray; the numbers are -1, and the distance is infinite, where nothing is met.
+struct RayHits {
+  double* distance;
+  std::int32_t* shape;
+  std::int64_t* primitive;  // of the shape
+  std::int32_t* instances;  // the shape of instances and the number of the copy, if it is one
+  std::int64_t* copy;
+  Met* met;
+};
+
+// Throws SceneError, naming the first ray that is none.
+void check(const UserRays& rays);
+
+// Rays [first, last) that check() has passed; tree: or else against each primitive.
+void intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays, size_t first,
+               size_t last, bool tree, const RayHits& hits);
+// Whether anything is in the way.
+void occluded(const Scene& scene, const Kernels& kernels, const UserRays& rays, size_t first,
+              size_t last, bool tree, u8* found);
+
+}  // namespace parhelion

@@ -1,0 +1,182 @@
+"""Rays of one's own against a scene: what they meet, and whether anything is in the way."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import arguments, machine, memory
+from .errors import SceneError, unknown_name
+from .renderer import TREES, Prepared, prepare
+from .scene import Scene
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+# Columns of what the core keeps of the points that are met (host/rays.h)
+_POINT, _NORMAL = slice(3, 6), slice(6, 9)
+# Shape of what belongs to one ray
+_ROW: dict[str, tuple[int, ...]] = {"origins": (3,), "directions": (3,), "limits": ()}
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What n rays have met first; intersect() makes it.
+
+    distance: (n,) float64, from where the ray set off, in the scene's units; infinite where nothing
+    is met, and there the numbers are -1. shape: (n,) int32, its number, by which shape_names has
+    its name. primitive: (n,) int64, its number in the shape, as in the arrays. instances: (n,)
+    int32, of what is seen in a copy, the number of the shape of instances, else -1; copy: (n,)
+    int64, which of them. scene: what was asked.
+
+    hits[index], by a mask, numbers or a slice, are those of some rays.
+    """
+
+    scene: Prepared
+    distance: NDArray[np.float64]
+    shape: NDArray[np.int32]
+    primitive: NDArray[np.int64]
+    instances: NDArray[np.int32]
+    copy: NDArray[np.int64]
+    _met: NDArray[np.uint32]
+
+    def __repr__(self) -> str:
+        return f"<Hits: {np.count_nonzero(self.hit)} of {len(self)} rays>"
+
+    def __len__(self) -> int:
+        return len(self.distance)
+
+    def __getitem__(self, index: Any) -> Hits:
+        try:
+            of = np.arange(len(self))[index]
+        except (IndexError, TypeError) as error:
+            raise SceneError(f"no such hits of {len(self)}: {error}") from None
+        if of.ndim != 1:
+            raise SceneError("hits are selected by a mask, a list of numbers or a slice")
+        arrays = self.distance, self.shape, self.primitive, self.instances, self.copy, self._met
+        return Hits(self.scene, *(array[of] for array in arrays))
+
+    @property
+    def hit(self) -> NDArray[np.bool_]:
+        """(n,), whether something was met."""
+        return self.shape >= 0
+
+    @cached_property
+    def position(self) -> NDArray[np.float64]:
+        """(n, 3), of the points, in the scene's units; NaN where nothing is met."""
+        point: NDArray[np.float32] = self._met[:, _POINT].view(np.float32)
+        scale: float = self.scene.core.stats()["scale"]
+        return point.astype(np.float64) / scale
+
+    @property
+    def normal(self) -> NDArray[np.float32]:
+        """(n, 3), of the surfaces themselves, outward, unit; NaN where nothing is met."""
+        normal: NDArray[np.float32] = self._met[:, _NORMAL].view(np.float32)
+        return normal
+
+    @property
+    def shape_names(self) -> list[str]:
+        """Of the scene's shapes, by `shape` and `instances`."""
+        return self.scene.flat.shape_names
+
+
+@memory.told
+def intersect(
+    scene: Scene | Prepared | Any,
+    origins: ArrayLike | Hits,
+    directions: ArrayLike,
+    limits: ArrayLike = math.inf,
+    *,
+    threads: int = 0,
+    tree: str = "bvh",
+    isa: str = "",
+) -> Hits:
+    """The nearest surface that each of n rays meets, whatever its material, holes included.
+
+    scene: one that prepare() has made, or anything that it makes one of. origins: (n, 3), where
+    rays set off, or (3,) for all, in the scene's units; or Hits of the same scene, from whose
+    surfaces they set off, each on the side that it goes to, without meeting the same point again.
+    directions: (n, 3) or (3,), of any length but 0. limits: (n,) or one, how far is looked.
+    threads: 0 takes every core; tree ("none" tests every primitive) and isa, the instruction set,
+    are as of render(). The answer depends on none of the three.
+
+    Arithmetic is float32 from where a ray enters the scene's bounds, and double before; nothing
+    gets through between triangles that share an edge.
+
+    Raises SceneError for a scene without a meaning and rays that are none, naming the first, and
+    ResourceError where memory does not suffice.
+    """
+    from . import _core
+
+    prepared, asked = _asked(scene, origins, directions, limits, tree, isa)
+    with machine.threads(arguments.own_threads(threads)):
+        return Hits(prepared, *_core.intersect_rays(*asked))
+
+
+@memory.told
+def occluded(
+    scene: Scene | Prepared | Any,
+    origins: ArrayLike | Hits,
+    directions: ArrayLike,
+    limits: ArrayLike = math.inf,
+    *,
+    threads: int = 0,
+    tree: str = "bvh",
+    isa: str = "",
+) -> NDArray[np.bool_]:
+    """Whether anything is in the way of each of n rays, (n,): faster than which is the nearest.
+
+    Arguments and errors are those of intersect().
+    """
+    from . import _core
+
+    _, asked = _asked(scene, origins, directions, limits, tree, isa)
+    with machine.threads(arguments.own_threads(threads)):
+        return _core.occluded_rays(*asked).view(np.bool_)
+
+
+def _asked(
+    scene: Any, origins: Any, directions: Any, limits: Any, tree: str, isa: str
+) -> tuple[Prepared, tuple[Any, ...]]:
+    """The scene, and the core's other arguments."""
+    if tree not in TREES:
+        raise SceneError(unknown_name("tree", tree, TREES))
+    given = {"directions": directions, "limits": limits}
+    counts = {}
+    met = None
+    if isinstance(origins, Hits):
+        if not isinstance(scene, Prepared) or origins.scene.core is not scene.core:
+            raise SceneError("origins are hits of another scene; prepare() it once, and ask that")
+        met = origins._met
+        counts["origins"] = len(met)
+    else:
+        given["origins"] = origins
+    arrays = {name: _numbers(name, value) for name, value in given.items()}
+    counts |= {name: len(a) for name, a in arrays.items() if a.ndim > len(_ROW[name])}
+    if len(set(counts.values())) > 1:
+        said = ", ".join(f"{counts[name]} {name}" for name in _ROW if name in counts)
+        raise SceneError(f"as many of each are needed, or one for all; these are {said}")
+    n = max(counts.values(), default=1)
+    rays = {
+        name: np.ascontiguousarray(np.broadcast_to(array, (n, *_ROW[name])))
+        for name, array in arrays.items()
+    }
+    prepared = scene if isinstance(scene, Prepared) else prepare(scene)
+    asked = rays.get("origins"), met, rays["directions"], rays["limits"]
+    return prepared, (prepared.core, *asked, tree == "bvh", arguments.text("isa", isa))
+
+
+def _numbers(name: str, value: Any) -> NDArray[np.float64]:
+    """One row, or an array of rows, in double."""
+    array, row = arguments.array(name, value), _ROW[name]
+    shapes = row, array.shape[:1] + row
+    if array.dtype.kind not in "fiu" or array.shape not in shapes:
+        raise SceneError(
+            f"{name} is an array of {array.dtype} and of shape {array.shape}; must be numbers,"
+            f" {('n', *row)} or {row or 'a single one'}".replace("'", "")
+        )
+    return array.astype(np.float64)

@@ -1,0 +1,246 @@
+"""Rays of one's own: known answers, where they set off, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import parhelion as ph
+from parhelion import _core
+
+RNG = np.random.default_rng
+
+
+def directions(n: int, seed: int = 1) -> np.ndarray:
+    d = RNG(seed).normal(size=(n, 3))
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def globe(size: int, radius: float = 1.0, center: tuple[float, ...] = (0, 0, 0)) -> ph.Mesh:
+    """A closed mesh around a centre, turned outwards."""
+    across, down = 2 * size, size
+    u = np.arange(across) * (2 * np.pi / across)
+    v = np.arange(1, down) * (np.pi / down)
+    ring = np.stack(
+        [np.outer(np.sin(v), np.cos(u)), np.outer(np.sin(v), np.sin(u)),
+         np.outer(np.cos(v), np.ones(across))], axis=-1,
+    ).reshape(-1, 3)  # fmt: skip
+    points = np.concatenate([ring, [[0, 0, 1], [0, 0, -1]]]) * radius + center
+    faces = []
+    for i in range(across):
+        j = (i + 1) % across
+        faces.append((len(ring), i, j))
+        for k in range(down - 2):
+            a, b = k * across + i, k * across + j
+            faces += [(a, a + across, b + across), (a, b + across, b)]
+        last = (down - 2) * across
+        faces.append((len(ring) + 1, last + j, last + i))
+    return ph.Mesh(points, faces, name="globe")
+
+
+def test_what_is_met_and_where() -> None:
+    """From the middle of a square of balls over a floor."""
+    balls = ph.Spheres([(5, 0, 0), (0, 0, 5), (-5, 0, 0)], [1.0, 2.0, 0.5], name="balls")
+    corners = [(-9, -2, -9), (9, -2, -9), (9, -2, 9), (-9, -2, 9)]
+    floor = ph.Mesh(corners, [(0, 2, 1), (0, 3, 2)], name="floor")
+    places = [np.eye(4), np.eye(4)]
+    places[1][:3, 3] = (0, 0, -7)
+    copies = ph.Instances([ph.Spheres([(0, 0, 90), (0, 0, 0)], 1.0, name="pearl")], places[1:] * 3)
+    scene = ph.prepare(ph.Scene([balls, floor, copies]))
+    towards = [(2, 0, 0), (0, 0, 0.1), (-1, 0, 0), (0, -3, 0), (0, 0, -1), (0, 1, 0)]
+    hits = ph.intersect(scene, (0, 0, 0), towards)
+    np.testing.assert_allclose(hits.distance, [4, 3, 4.5, 2, 6, np.inf], rtol=1e-6)
+    assert [hits.shape_names[i] if i >= 0 else "" for i in hits.shape] == [
+        *("balls", "balls", "balls", "floor", "pearl", "")
+    ]
+    np.testing.assert_array_equal(hits.primitive, [0, 1, 2, hits.primitive[3], 1, -1])
+    assert hits.primitive[3] in (0, 1)
+    assert hits.shape_names[hits.instances[4]] == copies.name
+    np.testing.assert_array_equal(hits.instances >= 0, [False] * 4 + [True, False])
+    assert hits.copy[4] in (0, 1, 2)
+    np.testing.assert_array_equal(hits.copy[[0, 5]], -1)
+    np.testing.assert_array_equal(hits.hit, [True] * 5 + [False])
+    expected = [(4, 0, 0), (0, 0, 3), (-4.5, 0, 0), (0, -2, 0), (0, 0, -6), (np.nan,) * 3]
+    np.testing.assert_allclose(hits.position, expected, atol=1e-6)
+    normals = [(-1, 0, 0), (0, 0, -1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (np.nan,) * 3]
+    np.testing.assert_allclose(hits.normal, normals, atol=1e-6)
+    assert len(hits) == 6
+    few = hits[hits.distance < 4.2]
+    np.testing.assert_array_equal(few.distance, hits.distance[[0, 1, 3]])
+    np.testing.assert_array_equal(few.position, hits.position[[0, 1, 3]])
+    # as far as is looked, and no farther
+    for limits in (4.2, [4.2] * 6):
+        near = ph.intersect(scene, (0, 0, 0), towards, limits)
+        np.testing.assert_array_equal(near.hit, [True, True, False, True, False, False])
+        np.testing.assert_array_equal(ph.occluded(scene, (0, 0, 0), towards, limits), near.hit)
+
+
+@pytest.mark.parametrize("away", [3.0, 1e3, 1e9])
+def test_rays_from_far_away_are_exact(away: float) -> None:
+    """Aimed at a ball of radius 1 by what they pass its centre by, in double."""
+    aside = np.repeat([0.0, 0.3, 0.6, 0.9, 0.999, 1.001, 1.5], 200)
+    out = directions(len(aside))
+    across = np.cross(out, directions(len(aside), 2))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    origins = out * away + across * aside[:, None]
+    # of lengths that float has not
+    lengths = 10.0 ** RNG(3).uniform(-150, 150, len(aside))
+    hits = ph.intersect(ph.Scene([ph.Spheres([(0, 0, 0)], 1.0)]), origins, -out * lengths[:, None])
+    np.testing.assert_array_equal(hits.hit, aside < 1)
+    met = hits.hit
+    expected = away - np.sqrt(1 - aside[met] ** 2)
+    blur = 1e-15 * away + np.where(aside[met] > 0.99, 1e-4, 2e-6)
+    assert np.all(np.abs(hits.distance[met] - expected) < blur)
+    at = origins[met] - out[met] * expected[:, None]
+    assert np.all(np.abs(hits.position[met] - at) < blur[:, None])
+
+
+@pytest.mark.parametrize("offset", [0.0, 1000.0])
+@pytest.mark.parametrize("shape", ["sphere", "mesh", "ellipsoid", "tube", "strand", "disk"])
+def test_rays_set_off_from_what_others_have_met(shape: str, offset: float) -> None:
+    """From a convex body: those that go out meet nothing, those that go in meet its other side."""
+    center = np.array([offset, -offset, offset / 3])
+    ends = center + np.array([[(0, 0, 9)], [(0, 0, 3)], [(0, 0, -3)], [(0, 0, -9)]])
+    stretch = np.diag([1.0, 2.0, 0.5, 1.0])
+    stretch[:3, 3] = center
+    of = {
+        "sphere": ph.Spheres([center], 1.0),
+        "mesh": globe(24, 1.0, center),
+        "ellipsoid": ph.Instances([ph.Spheres([(0, 0, 0)], 1.0)], [stretch]),
+        "tube": ph.Cylinders(ends[0], ends[3], 1.0),
+        "strand": ph.Curves(ends[:, 0], 1.0, basis="bezier"),
+        "disk": ph.Disks([center], [(1, 0, 0)], [(0, 1, 0)]),
+    }[shape]
+    scene = ph.prepare(ph.Scene([of]))
+    n = 20_000
+    eyes = center + np.array([0, 0, 0.5 if shape == "disk" else 0])
+    hits = ph.intersect(scene, eyes, directions(n))
+    hits = hits[hits.hit]
+    n = len(hits)
+    assert n > 900
+    ways = directions(n, 5)
+    # nearly along the surface, too
+    ways[::4] += hits.normal[::4] * (1e-4 - np.sum(ways[::4] * hits.normal[::4], axis=1))[:, None]
+    out = np.sum(ways.astype(np.float32) * hits.normal, axis=1) > 1e-5
+    assert 0.3 < np.mean(out) < 0.8
+    blocked = ph.occluded(scene, hits, ways)
+    assert not np.any(blocked[out])
+    again = ph.intersect(scene, hits, ways)
+    np.testing.assert_array_equal(again.hit, blocked)
+    into = np.sum(ways * hits.normal, axis=1) < -0.05
+    if shape == "disk":
+        assert not np.any(blocked)
+        return
+    # those of a tube may leave by its ends
+    assert np.mean(blocked[into]) > (0.7 if shape == "tube" else 1 - 1e-9)
+    into &= blocked
+    to = again.position[into] - hits.position[into]
+    size = np.linalg.norm(to, axis=1)
+    np.testing.assert_allclose(size, again.distance[into], rtol=1e-3, atol=3e-6 * offset)
+    long = size > 0.1
+    to, size, ways = to[long], size[long], ways[into][long]
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    np.testing.assert_allclose(to / size[:, None], ways, atol=2e-3 + 1e-5 * offset)
+
+
+def test_how_much_of_the_sky_a_ball_hides() -> None:
+    """Of a floor under a ball of radius r at height h, weighed by cosines, r^2 h / d^3."""
+    r, h = 0.5, 1.3
+    floor = ph.Mesh([(-9, 0, -9), (-9, 0, 9), (9, 0, 9), (9, 0, -9)], [(0, 1, 2), (0, 2, 3)])
+    scene = ph.prepare(ph.Scene([floor, ph.Spheres([(0, h, 0)], r)]))
+    x = np.array([1e-6, 0.5, 1.0, 2.0])
+    each = 40_000
+    eyes = np.stack([x, np.full(4, 0.1), 0 * x], axis=1)
+    hits = ph.intersect(scene, eyes, (0, -1, 0))
+    rng = RNG(7)
+    u, angle = rng.random((4, each)), rng.random((4, each)) * 2 * np.pi
+    ways = np.stack([np.sqrt(u) * np.cos(angle), np.sqrt(1 - u), np.sqrt(u) * np.sin(angle)], -1)
+    found = ph.occluded(scene, hits[np.repeat(np.arange(4), each)], ways.reshape(-1, 3))
+    share = found.reshape(4, each).mean(axis=1)
+    expected = r**2 * h / np.hypot(x, h) ** 3
+    assert np.all(np.abs(share - expected) < 4 * np.sqrt(expected / each))
+
+
+def test_any_number_of_threads_and_all_instruction_sets_answer_alike() -> None:
+    rng = RNG(9)
+    scene = ph.prepare(ph.Scene([globe(30), ph.Spheres(rng.normal(size=(500, 3)), 0.1)]))
+    n = 20_000  # more than one thread would take alone
+    o, d = rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
+    limits = rng.uniform(0, 8, n)
+    first = ph.intersect(scene, o, d, limits, threads=1)
+    ways: list[dict[str, Any]] = [{"threads": 3}, {"tree": "none"}]
+    ways += [{"isa": isa} for isa in _core.instruction_sets()]
+    for way in ways:
+        hits = ph.intersect(scene, o, d, limits, **way)
+        for name in ("distance", "shape", "primitive", "position", "normal"):
+            a, b = getattr(first, name), getattr(hits, name)
+            assert a.tobytes() == b.tobytes(), (way, name)
+        np.testing.assert_array_equal(ph.occluded(scene, o, d, limits, **way), first.hit)
+    assert 0.2 < np.mean(first.hit) < 0.8
+
+
+def test_one_ray_and_none() -> None:
+    scene = ph.prepare(ph.Scene([ph.Spheres([(0, 0, 0)], 1.0)]))
+    for origins, way in (((0, 0, 3), (0, 0, -1)), ([(0, 0, 3)], [(0, 0, -1)])):
+        assert ph.intersect(scene, origins, way).distance == pytest.approx([2.0], rel=1e-6)
+        assert ph.occluded(scene, origins, way).tolist() == [True]
+    none = np.zeros((0, 3))
+    hits = ph.intersect(scene, none, none)
+    assert len(hits) == 0
+    assert hits.position.shape == hits.normal.shape == (0, 3)
+    assert len(ph.occluded(scene, hits, none)) == 0
+    empty = ph.intersect(ph.Scene(), (0, 0, 0), np.eye(3))
+    assert not np.any(empty.hit)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (
+            {"origins": [(0, 0, 0), (0, np.nan, 0)]},
+            r"origins\[1\] is \(0, nan, 0\); must be",
+        ),
+        (
+            {"directions": [(1, 0, 0), (0, 0, 0)]},
+            r"directions\[1\] is \(0, 0, 0\), which is no",
+        ),
+        ({"directions": [(1, 0, 0), (0, np.inf, 0)]}, r"directions\[1\] is \(0, inf, 0\); must be"),
+        ({"limits": [1, -1]}, r"limits\[1\] is -1; must be >= 0"),
+        ({"limits": np.nan}, r"limits\[0\] is nan; must be >= 0"),
+        ({"limits": [1, 2, 3]}, r"as many of each are needed, .* 2 origins, 3 limits"),
+        (
+            {"directions": [(1, 0)]},
+            r"directions is an array of int64 and of shape \(1, 2\)",
+        ),
+        ({"origins": "here"}, r"origins is an array of <U4 .*\(n, 3\) or \(3,\)"),
+        ({"origins": [[(0, 0, 0)]]}, r"origins .* of shape \(1, 1, 3\); must be numbers"),
+        ({"limits": [[1.0]]}, r"limits .* must be numbers, \(n,\) or a single one"),
+        ({"directions": [(1, 0, 0), (0, 1)]}, r"directions is no array"),
+        ({"tree": "oak"}, r"bvh"),
+        ({"isa": "mmx"}, r"baseline"),
+        ({"threads": -1}, r"threads is -1"),
+    ],
+)
+def test_what_is_no_ray_is_named(more: dict[str, Any], words: str) -> None:
+    scene = ph.prepare(ph.Scene([ph.Spheres([(0, 0, 0)], 1.0)]))
+    asked: dict[str, Any] = {"origins": [(0, 0, 3), (0, 0, 2)], "directions": (0, 0, 1)} | more
+    for ask in (ph.intersect, ph.occluded):
+        with pytest.raises(ph.SceneError, match=words):
+            ask(scene, **asked)
+
+
+def test_rays_do_not_set_off_from_nothing_or_another_scene() -> None:
+    shapes = ph.Scene([ph.Spheres([(0, 0, 0)], 1.0)])
+    scene, other = ph.prepare(shapes), ph.prepare(shapes)
+    hits = ph.intersect(scene, (0, 0, 3), [(0, 0, -1), (0, 0, 1)])
+    with pytest.raises(ph.SceneError, match=r"origins\[1\] has met nothing; .*hits\[hits.hit\]"):
+        ph.occluded(scene, hits, (0, 0, 1))
+    assert ph.occluded(scene, hits[hits.hit], (0, 0, 1)).tolist() == [False]
+    for one in (other, shapes):
+        with pytest.raises(ph.SceneError, match="hits of another scene"):
+            ph.intersect(one, hits, (0, 0, 1))
+    for index in ("nothing", 0, [7], [[0]]):
+        with pytest.raises(ph.SceneError, match="hits"):
+            hits[index]
