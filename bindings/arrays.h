@@ -4,20 +4,43 @@
 #include <nanobind/ndarray.h>
 
 #include <memory>
+#include <string>
 #include <utility>
 #include <vector>
 
-#include "../core/types.h"
 #include "../host/array.h"
+#include "../host/scene.h"
 
 namespace parhelion {
 
+using AnyArray = nanobind::ndarray<nanobind::ro, nanobind::c_contig, nanobind::device::cpu>;
 using FloatRows = nanobind::ndarray<const float, nanobind::shape<-1, 3>, nanobind::c_contig,
                                     nanobind::device::cpu>;
 using Floats =
     nanobind::ndarray<const float, nanobind::ndim<1>, nanobind::c_contig, nanobind::device::cpu>;
 
 inline const Vec3* vectors(const FloatRows& a) { return reinterpret_cast<const Vec3*>(a.data()); }
+
+inline bool is_double(const AnyArray& a, const char* name) {
+  if (a.dtype() == nanobind::dtype<double>()) return true;
+  if (a.dtype() == nanobind::dtype<float>()) return false;
+  throw nanobind::type_error((std::string(name) + " must be float32 or float64").c_str());
+}
+
+// The rows of an array, or of one that is the same for all.
+inline Numbers to_numbers(const char* name, const AnyArray& a, int columns, size_t rows) {
+  Numbers n;
+  n.name = name;
+  n.data = a.data();
+  n.is_double = is_double(a, name);
+  n.columns = columns;
+  const size_t width = static_cast<size_t>(columns);
+  n.one = a.size() == width && a.ndim() == (columns == 1 ? 0u : 1u);
+  if (!n.one && !(a.ndim() >= 1 && a.shape(0) == rows && a.size() == rows * width)) {
+    throw nanobind::type_error((std::string(name) + " has the wrong shape").c_str());
+  }
+  return n;
+}
 
 // A new array that owns its data.
 template <class T>

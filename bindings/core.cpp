@@ -36,7 +36,6 @@ using namespace nb::literals;
 namespace parhelion {
 namespace {
 
-using AnyArray = nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>;
 using FloatPairs = nb::ndarray<const float, nb::shape<-1, 2>, nb::c_contig, nb::device::cpu>;
 using Indices = nb::ndarray<const u32, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Triple = std::array<float, 3>;
@@ -160,12 +159,6 @@ ParamBlock to_block(const BlockTuple& t) {
   return block;
 }
 
-bool is_double(const AnyArray& a, const char* name) {
-  if (a.dtype() == nb::dtype<double>()) return true;
-  if (a.dtype() == nb::dtype<float>()) return false;
-  throw nb::type_error((std::string(name) + " must be float32 or float64").c_str());
-}
-
 // The entries of a dict as flatten.py makes them; what may be absent is looked for first.
 template <class T>
 T get(const nb::dict& d, const char* key) {
@@ -174,20 +167,6 @@ T get(const nb::dict& d, const char* key) {
 template <class T>
 T get(const nb::dict& d, const char* key, T otherwise) {
   return d.contains(key) ? nb::cast<T>(d[key]) : otherwise;
-}
-
-// The rows of an array, or of one that is the same for all.
-Numbers to_numbers(const char* name, const AnyArray& a, int columns, size_t rows) {
-  Numbers n;
-  n.name = name;
-  n.data = a.data();
-  n.is_double = is_double(a, name);
-  n.columns = columns;
-  n.one = columns == 1 && a.ndim() == 0;
-  const bool fits = n.one || (a.ndim() >= 1 && a.shape(0) == rows &&
-                              a.size() == rows * static_cast<size_t>(columns));
-  if (!fits) throw nb::type_error((std::string(name) + " has the wrong shape").c_str());
-  return n;
 }
 
 template <class T>

@@ -1,14 +1,14 @@
 #include "rays.h"
 
-#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
+#include <nanobind/stl/variant.h>
 
 #include <algorithm>
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <tuple>
+#include <variant>
 
 #include "../core/surface.h"
 #include "../host/kernels.h"
@@ -103,28 +103,25 @@ nb::object any(const Scene& scene, const FloatRows& origins, const FloatRows& di
 
 // --- Of users, by all threads --------------------------------------------------------------------
 
-using DoubleRows = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Doubles = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 constexpr size_t kMetNumbers = sizeof(Met) / sizeof(u32);
 using MetRows = nb::ndarray<const u32, nb::shape<-1, kMetNumbers>, nb::c_contig, nb::device::cpu>;
 
 // Between so many rays Ctrl-C is heard: a part of a second.
 constexpr size_t kRaysUnheard = size_t{1} << 19;
 
-// Raises what check() does.
-UserRays checked(const std::optional<DoubleRows>& origins, const std::optional<MetRows>& from,
-                 const DoubleRows& directions, const Doubles& limits) {
-  const size_t n = directions.shape(0);
-  if (origins.has_value() == from.has_value() ||
-      (origins ? origins->shape(0) : from->shape(0)) != n || limits.shape(0) != n) {
-    throw nb::type_error("origins or from, directions and limits of as many rays are needed");
-  }
+// n rays, that set off from `origins`, or what others have met. Raises what check() does.
+UserRays checked(size_t n, const std::variant<MetRows, AnyArray>& origins,
+                 const AnyArray& directions, const AnyArray& limits) {
   UserRays rays{};
   rays.n = n;
-  if (origins) rays.origins = reinterpret_cast<const double (*)[3]>(origins->data());
-  if (from) rays.from = reinterpret_cast<const Met*>(from->data());
-  rays.directions = reinterpret_cast<const double (*)[3]>(directions.data());
-  rays.limits = limits.data();
+  if (const MetRows* met = std::get_if<MetRows>(&origins)) {
+    if (met->shape(0) != n) throw nb::type_error("as many origins as rays are needed");
+    rays.from = reinterpret_cast<const Met*>(met->data());
+  } else {
+    rays.origins = to_numbers("origins", std::get<AnyArray>(origins), 3, n);
+  }
+  rays.directions = to_numbers("directions", directions, 3, n);
+  rays.limits = to_numbers("limits", limits, 1, n);
   nb::gil_scoped_release unlocked;
   check(rays);
   return rays;
@@ -143,11 +140,10 @@ void in_parts(size_t n, const F& f) {
 }
 
 std::tuple<nb::object, nb::object, nb::object, nb::object, nb::object, nb::object> intersect_rays(
-    const Scene& scene, const std::optional<DoubleRows>& origins,
-    const std::optional<MetRows>& from, const DoubleRows& directions, const Doubles& limits,
-    bool tree, const std::string& isa) {
+    const Scene& scene, size_t n, const std::variant<MetRows, AnyArray>& origins,
+    const AnyArray& directions, const AnyArray& limits, bool tree, const std::string& isa) {
   const Kernels& k = kernels(isa);
-  const UserRays rays = checked(origins, from, directions, limits);
+  const UserRays rays = checked(n, origins, directions, limits);
   RayHits hits;
   u32* met;
   nb::object distance = make_array({rays.n}, hits.distance);
@@ -162,11 +158,11 @@ std::tuple<nb::object, nb::object, nb::object, nb::object, nb::object, nb::objec
   return {distance, shape, primitive, instances, copy, all};
 }
 
-nb::object occluded_rays(const Scene& scene, const std::optional<DoubleRows>& origins,
-                         const std::optional<MetRows>& from, const DoubleRows& directions,
-                         const Doubles& limits, bool tree, const std::string& isa) {
+nb::object occluded_rays(const Scene& scene, size_t n,
+                         const std::variant<MetRows, AnyArray>& origins, const AnyArray& directions,
+                         const AnyArray& limits, bool tree, const std::string& isa) {
   const Kernels& k = kernels(isa);
-  const UserRays rays = checked(origins, from, directions, limits);
+  const UserRays rays = checked(n, origins, directions, limits);
   u8* found;
   nb::object result = make_array({rays.n}, found);
   in_parts(rays.n,
@@ -180,10 +176,10 @@ void bind_rays(nb::module_& m, nb::class_<Scene>& scene) {
   scene.def("intersect", &nearest, "origins"_a, "directions"_a, "tree"_a = true, "isa"_a = "")
       .def("occluded", &any, "origins"_a, "directions"_a, "limits"_a, "tree"_a = true,
            "isa"_a = "");
-  m.def("intersect_rays", &intersect_rays, "scene"_a, "origins"_a.none(), "from_"_a.none(),
-        "directions"_a, "limits"_a, "tree"_a, "isa"_a);
-  m.def("occluded_rays", &occluded_rays, "scene"_a, "origins"_a.none(), "from_"_a.none(),
-        "directions"_a, "limits"_a, "tree"_a, "isa"_a);
+  m.def("intersect_rays", &intersect_rays, "scene"_a, "n"_a, "origins"_a, "directions"_a,
+        "limits"_a, "tree"_a, "isa"_a);
+  m.def("occluded_rays", &occluded_rays, "scene"_a, "n"_a, "origins"_a, "directions"_a, "limits"_a,
+        "tree"_a, "isa"_a);
 }
 
 }  // namespace parhelion

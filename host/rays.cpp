@@ -19,8 +19,32 @@ namespace {
 // As many rays, and what is found of them, as stay in the first cache (16 KB).
 constexpr size_t kRaysAtOnce = 256;
 
-bool finite(const double* v) {
-  return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]);
+DVec3 vector(const Numbers& of, size_t i) { return {of.at(i, 0), of.at(i, 1), of.at(i, 2)}; }
+
+bool finite(DVec3 v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
+
+bool starts(const UserRays& rays, size_t i) {
+  return rays.from ? rays.from[i].slot.leaf != kNone : finite(vector(rays.origins, i));
+}
+bool goes(const UserRays& rays, size_t i) {
+  const DVec3 d = vector(rays.directions, i);
+  return finite(d) && (d.x != 0.0 || d.y != 0.0 || d.z != 0.0);
+}
+
+DVec3 unit(DVec3 v) {
+  double square = baseline::dot(v, v);
+  if (!(square > 0x1p-900 && square < 0x1p900)) {  // by the largest: double has no such squares
+    const double most = std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
+    v = {v.x / most, v.y / most, v.z / most};
+    square = baseline::dot(v, v);
+  }
+  const double inverse = 1.0 / std::sqrt(square);
+  return {v.x * inverse, v.y * inverse, v.z * inverse};
+}
+
+bool lies_in(DVec3 p, const Box& b) {
+  return p.x >= b.low.x && p.x <= b.high.x && p.y >= b.low.y && p.y <= b.high.y && p.z >= b.low.z &&
+         p.z <= b.high.z;
 }
 
 std::string text(double x) {
@@ -28,28 +52,22 @@ std::string text(double x) {
   std::snprintf(buffer, sizeof buffer, "%.9g", x);
   return buffer;
 }
-std::string text(const double* v) {
-  return std::string("(") + text(v[0]) + ", " + text(v[1]) + ", " + text(v[2]) + ")";
-}
 
-// What is wrong with a ray; nothing of most.
+// What is wrong with a ray that is none.
 std::string problem(const UserRays& rays, size_t i) {
-  const double *d = rays.directions[i], limit = rays.limits[i];
   const auto wrong = [&](const char* field, const std::string& what) {
     return std::string(field) + "[" + std::to_string(i) + "] " + what;
   };
-  if (!rays.origins && rays.from[i].slot.leaf == kNone) {
-    return wrong("origins", "has met nothing; rays set off from hits[hits.hit]");
+  const auto no_vector = [&](const char* field, DVec3 v) {
+    return wrong(field, std::string("is (") + text(v.x) + ", " + text(v.y) + ", " + text(v.z) +
+                            (finite(v) ? "), which is no direction" : "); must be finite"));
+  };
+  if (!starts(rays, i)) {
+    return rays.from ? wrong("origins", "has met nothing; rays set off from hits[hits.hit]")
+                     : no_vector("origins", vector(rays.origins, i));
   }
-  if (rays.origins && !finite(rays.origins[i])) {
-    return wrong("origins", "is " + text(rays.origins[i]) + "; must be finite");
-  }
-  if (!finite(d)) return wrong("directions", "is " + text(d) + "; must be finite");
-  if (d[0] == 0.0 && d[1] == 0.0 && d[2] == 0.0) {
-    return wrong("directions", "is (0, 0, 0), which is no direction");
-  }
-  if (!(limit >= 0.0)) return wrong("limits", "is " + text(limit) + "; must be >= 0");
-  return {};
+  if (!goes(rays, i)) return no_vector("directions", vector(rays.directions, i));
+  return wrong("limits", "is " + text(rays.limits.at(i, 0)) + "; must be >= 0");
 }
 
 // Rays as the kernels take them. They begin where they enter the scene's bounds, `skipped` away
@@ -60,25 +78,20 @@ struct Start {
   double skipped[kRaysAtOnce];
 
   void set(const Scene& scene, const UserRays& rays, size_t i, size_t k) {
-    const double* d = rays.directions[i];
-    // By the largest, so that no square is beyond double.
-    const double most = std::max({std::abs(d[0]), std::abs(d[1]), std::abs(d[2])});
-    const double x = d[0] / most, y = d[1] / most, z = d[2] / most;
-    const double inverse = 1.0 / std::sqrt(x * x + y * y + z * z);
-    const DVec3 way = {x * inverse, y * inverse, z * inverse};
+    const DVec3 way = unit(vector(rays.directions, i));
     const Vec3 direction = {static_cast<float>(way.x), static_cast<float>(way.y),
                             static_cast<float>(way.z)};
     const double scale = scene.scale();
     skipped[k] = 0.0;
-    if (rays.origins == nullptr) {
+    if (rays.from) {
       const Met& m = rays.from[i];
       const bool behind = baseline::dot(direction, m.normal) < 0.0f;
       ray[k] = {baseline::ray_origin(m.point, m.normal, m.error, behind), direction, m.slot,
                 behind != (m.inside_out != 0)};
     } else {
-      const double* o = rays.origins[i];
-      const DVec3 from = {o[0] * scale, o[1] * scale, o[2] * scale};
-      const double far = baseline::entry(from, way, scene.view().bounds);
+      const DVec3 o = vector(rays.origins, i), from = {o.x * scale, o.y * scale, o.z * scale};
+      const Box& bounds = scene.view().bounds;
+      const double far = lies_in(from, bounds) ? 0.0 : baseline::entry(from, way, bounds);
       if (!(far < static_cast<double>(kInfinity))) {  // it passes the scene by
         ray[k] = {{0, 0, 0}, direction, kNoSlot, false};
         limit[k] = 0.0f;
@@ -91,7 +104,7 @@ struct Start {
                 kNoSlot,
                 false};
     }
-    const double left = rays.limits[i] * scale - skipped[k];
+    const double left = rays.limits.at(i, 0) * scale - skipped[k];
     limit[k] = static_cast<float>(std::max(left, 0.0));
   }
 };
@@ -114,7 +127,7 @@ void for_rays(const Scene& scene, const UserRays& rays, size_t first, size_t las
 void check(const UserRays& rays) {
   std::atomic<size_t> first{rays.n};  // that is none
   for_all(rays.n, [&](size_t i) {
-    if (problem(rays, i).empty()) return;
+    if (starts(rays, i) && goes(rays, i) && rays.limits.at(i, 0) >= 0.0) return;
     size_t known = first.load();
     while (i < known && !first.compare_exchange_weak(known, i)) {
     }

@@ -17,14 +17,14 @@ struct Met {
   u32 inside_out;      // whether the shape's inside is where its normals point to
 };
 
-// In the user's units, of each of n rays. They set off from `origins`, or, where that is null, from
-// what others have met: on the side that they go to.
+// In the user's units, of each of n rays. They set off from `origins`, or, unless that is null,
+// from what others have met: on the side that they go to.
 struct UserRays {
   size_t n;
-  const double (*origins)[3];
+  Numbers origins;
   const Met* from;
-  const double (*directions)[3];  // of any length but 0
-  const double* limits;           // what is farther is not looked for; infinity for none
+  Numbers directions;  // of any length but 0
+  Numbers limits;      // what is farther is not looked for; infinity for none
 };
 
 // Of each ray; the numbers are -1, and the distance is infinite, where nothing is met.

@@ -352,6 +352,9 @@ def test_rays_and_how_many_get_out_of_a_closed_mesh(tmp_path: Path):
     of = {(row.group.split(", ")[1], row.name): row for row in measured}
     assert of["bounce", "parhelion"].runs[0] > 0
     assert of["lost at edges", "parhelion"].runs == [0.0]
+    assert of["lost at edges", "parhelion public"].runs == [0.0]
+    assert of["any hit", "parhelion public"].ratios[0] > 0
+    assert ("tree", "parhelion public") not in of
     if ("bounce", "embreex robust") in of:
         # that these are rays which can get lost
         default = of["lost at edges", "embreex"].runs[0]

@@ -22,7 +22,7 @@ import parhelion as ph
 from parhelion import _core
 from parhelion.flatten import flatten
 
-from ..rays import EMBREE, OURS, ROBUST, at_edges, bounces
+from ..rays import EMBREE, OURS, PUBLIC, ROBUST, at_edges, bounces
 from ..scenes import BenchError
 
 # Of origins and directions, (n, 3) each, and whether any hit will do: which rays hit, or how far,
@@ -97,6 +97,18 @@ class _Ours:
         return query
 
 
+class _Public(_Ours):
+    def tree(self) -> Query:
+        prepared = ph.prepare(self._described())
+
+        def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> np.ndarray:
+            if any_hit:
+                return ph.occluded(prepared, origins, directions, threads=1)
+            return ph.intersect(prepared, origins, directions, threads=1).distance
+
+        return query
+
+
 class _Embree:
     def __init__(self, arrays: dict[str, Any], robust: bool = False) -> None:
         self.library, self.robust = _library(), robust
@@ -162,6 +174,7 @@ def _library() -> ctypes.CDLL:
 
 PROGRAMS: dict[str, Any] = {
     OURS: _Ours,
+    PUBLIC: _Public,
     EMBREE: _Embree,
     ROBUST: partial(_Embree, robust=True),
 }

@@ -25,10 +25,10 @@ class Scene:
 
 def intersect_rays(
     scene: Scene,
-    origins: NDArray[np.float64] | None,
-    from_: NDArray[np.uint32] | None,
-    directions: NDArray[np.float64],
-    limits: NDArray[np.float64],
+    n: int,
+    origins: NDArray[Any],
+    directions: NDArray[Any],
+    limits: NDArray[Any],
     tree: bool,
     isa: str,
 ) -> tuple[
@@ -41,10 +41,10 @@ def intersect_rays(
 ]: ...
 def occluded_rays(
     scene: Scene,
-    origins: NDArray[np.float64] | None,
-    from_: NDArray[np.uint32] | None,
-    directions: NDArray[np.float64],
-    limits: NDArray[np.float64],
+    n: int,
+    origins: NDArray[Any],
+    directions: NDArray[Any],
+    limits: NDArray[Any],
     tree: bool,
     isa: str,
 ) -> NDArray[np.uint8]: ...

@@ -161,17 +161,13 @@ def _asked(
         said = ", ".join(f"{counts[name]} {name}" for name in _ROW if name in counts)
         raise SceneError(f"as many of each are needed, or one for all; these are {said}")
     n = max(counts.values(), default=1)
-    rays = {
-        name: np.ascontiguousarray(np.broadcast_to(array, (n, *_ROW[name])))
-        for name, array in arrays.items()
-    }
     prepared = scene if isinstance(scene, Prepared) else prepare(scene)
-    asked = rays.get("origins"), met, rays["directions"], rays["limits"]
-    return prepared, (prepared.core, *asked, tree == "bvh", arguments.text("isa", isa))
+    rays = n, arrays.get("origins", met), arrays["directions"], arrays["limits"]
+    return prepared, (prepared.core, *rays, tree == "bvh", arguments.text("isa", isa))
 
 
-def _numbers(name: str, value: Any) -> NDArray[np.float64]:
-    """One row, or an array of rows, in double."""
+def _numbers(name: str, value: Any) -> NDArray[Any]:
+    """One row, or an array of rows, in float32 or double."""
     array, row = arguments.array(name, value), _ROW[name]
     shapes = row, array.shape[:1] + row
     if array.dtype.kind not in "fiu" or array.shape not in shapes:
@@ -179,4 +175,5 @@ def _numbers(name: str, value: Any) -> NDArray[np.float64]:
             f"{name} is an array of {array.dtype} and of shape {array.shape}; must be numbers,"
             f" {('n', *row)} or {row or 'a single one'}".replace("'", "")
         )
-    return array.astype(np.float64)
+    kind = array.dtype if array.dtype in (np.float32, np.float64) else np.float64
+    return np.require(array, kind, ["C", "A"])
