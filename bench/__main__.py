@@ -56,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
         type=_counts,
         default=d.clouds,
         metavar="COUNT,...",
-        help="of how many spheres the group clouds is, such as 3e6,1e9",
+        help="of how many spheres the group clouds is, such as 3e6,1e9, whatever --long says",
     )
     p.add_argument(
         "--cache",
@@ -157,7 +157,7 @@ def _counts(value: str) -> tuple[int, ...]:
         counts = ()
     if not counts or not all(c >= 1 and c.is_integer() for c in counts):
         raise argparse.ArgumentTypeError(f"{value!r}: whole numbers from 1 are needed, as 3e6,1e9")
-    return tuple(map(int, counts))
+    return tuple(dict.fromkeys(map(int, counts)))
 
 
 def _names(known: Iterable[str]) -> Any:

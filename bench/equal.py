@@ -95,7 +95,7 @@ def _scene(folder: Path, rows: list[Row], plan: Any, notes: Any, name: str) -> l
                 worker = Worker(module, job | more)
                 stack.callback(worker.close)
                 worker.render(1)
-                references[peer] = reference(plan, worker, module, job, folder)
+                references[peer] = reference(plan, worker, module, job, scene, folder)
             except BenchError as problem:
                 if peer not in PEERS:
                     raise
@@ -191,9 +191,11 @@ def _seconds(few: list[Run], many: list[Run], target: float, error: str, clock: 
     ]
 
 
-def reference(plan: Any, worker: Worker, module: str, job: dict[str, Any], folder: Path) -> Any:
-    """The converged picture of a scene of the gallery, from the cache if it has been made with the
-    same code and scene.
+def reference(
+    plan: Any, worker: Worker, module: str, job: dict[str, Any], scene: Any, folder: Path
+) -> Any:
+    """The converged picture of a job's scene, from the cache if it has been made with the same code
+    and scene.
 
     One for all variants of a renderer.
     """
@@ -201,9 +203,6 @@ def reference(plan: Any, worker: Worker, module: str, job: dict[str, Any], folde
 
     from parhelion.flatten import flatten
 
-    from .gallery import load
-
-    scene = load(job["scene"], job["pixels"])
     seen = f"{flatten(scene).sha256()} {scene.camera} {job}"
     known = {k: worker.known.get(k) for k in ("version", "build")}
     key = hashlib.sha256(repr((known, seen, plan.reference_spp)).encode())

@@ -36,15 +36,17 @@ def _scene(plan: Any, notes: Any, name: str) -> list[Row]:
     from .measure import OURS, alternate
 
     pixels = plan.width * plan.height
-    job = picture_job(name, load(name, pixels), pixels, plan.threads)
+    scene = load(name, pixels)
+    job = picture_job(name, scene, pixels, plan.threads)
     folder = plan.cache / "equal"
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "part.npy"
+    path = folder / "sharing.npy"
     with ExitStack() as stack:
         worker = Worker(OURS, job)
         stack.callback(worker.close)
         notes.versions[OURS] = worker.known
-        truth = reference(plan, worker, OURS, job, folder)
+        stack.callback(path.unlink, missing_ok=True)
+        truth = reference(plan, worker, OURS, job, scene, folder)
         seeds = dict.fromkeys(WAYS, 0)
 
         def measured(way: str) -> dict[str, Any]:
@@ -53,15 +55,14 @@ def _scene(plan: Any, notes: Any, name: str) -> list[Row]:
             return answer | {"errors": relative_mse(np.load(path), truth)}
 
         answers = alternate([(way, partial(measured, way)) for way in WAYS], plan.rounds)
-    path.unlink()
     seconds = {way: [a["cpu_seconds"] for a in answered] for way, answered in answers.items()}
     rows = _rows(f"sharing, {name}, processor", "s", seconds)
     for k, words in enumerate(("error", "trimmed error")):
         errors = {way: [a["errors"][k] for a in answered] for way, answered in answers.items()}
-        rows += _rows(f"sharing, {name}, {words}", "", {w: [fmean(e)] for w, e in errors.items()})
-        # by the mean errors of all rounds, as a few pixels may decide one round's
+        rows += _rows(f"sharing, {name}, {words}", "", errors)
+        # of all rounds, as a few pixels may decide one's: so their spread is that of the times
         product = {way: [fmean(errors[way]) * s for s in seconds[way]] for way in WAYS}
-        rows += _rows(f"sharing, {name}, {words} x time", "s", product)
+        rows += _rows(f"sharing, {name}, mean {words} x time", "s", product)
     return rows
 
 

@@ -5,6 +5,7 @@
 #include <nanobind/stl/variant.h>
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <tuple>
@@ -22,9 +23,6 @@ namespace parhelion {
 namespace {
 
 // --- One by one, on one thread, for tests and measurements ---------------------------------------
-
-// As many rays, and what is found of them, as stay in the first cache (16 KB).
-constexpr size_t kRaysAtOnce = 256;
 
 // Calls f(first, rays, count) for so many rays at a time, which are given in the user's units:
 // origins and unit directions. Called without the GIL: who changes the arrays meanwhile changes
@@ -106,9 +104,6 @@ nb::object any(const Scene& scene, const FloatRows& origins, const FloatRows& di
 constexpr size_t kMetNumbers = sizeof(Met) / sizeof(u32);
 using MetRows = nb::ndarray<const u32, nb::shape<-1, kMetNumbers>, nb::c_contig, nb::device::cpu>;
 
-// Between so many rays Ctrl-C is heard: a part of a second.
-constexpr size_t kRaysUnheard = size_t{1} << 19;
-
 // n rays, that set off from `origins`, or what others have met. Raises what check() does.
 UserRays checked(size_t n, const std::variant<MetRows, AnyArray>& origins,
                  const AnyArray& directions, const AnyArray& limits) {
@@ -127,16 +122,18 @@ UserRays checked(size_t n, const std::variant<MetRows, AnyArray>& origins,
   return rays;
 }
 
-// f(first, last) of all rays, without the GIL.
+// f(stop) without the GIL; Ctrl-C stops it and is raised.
 template <class F>
-void in_parts(size_t n, const F& f) {
-  for (size_t first = 0; first < n; first += kRaysUnheard) {
-    {
-      nb::gil_scoped_release unlocked;
-      f(first, std::min(n, first + kRaysUnheard));
-    }
-    if (PyErr_CheckSignals() != 0) throw nb::python_error();
+void interruptibly(const F& f) {
+  bool complete;
+  {
+    nb::gil_scoped_release unlocked;
+    complete = f([] {
+      nb::gil_scoped_acquire locked;
+      return PyErr_CheckSignals() != 0;
+    });
   }
+  if (!complete) throw nb::python_error();
 }
 
 std::tuple<nb::object, nb::object, nb::object, nb::object, nb::object, nb::object> intersect_rays(
@@ -153,8 +150,7 @@ std::tuple<nb::object, nb::object, nb::object, nb::object, nb::object, nb::objec
   nb::object copy = make_array({rays.n}, hits.copy);
   nb::object all = make_array({rays.n, kMetNumbers}, met);
   hits.met = reinterpret_cast<Met*>(met);
-  in_parts(rays.n,
-           [&](size_t first, size_t last) { intersect(scene, k, rays, first, last, tree, hits); });
+  interruptibly([&](const Stop& stop) { return intersect(scene, k, rays, tree, hits, stop); });
   return {distance, shape, primitive, instances, copy, all};
 }
 
@@ -165,14 +161,17 @@ nb::object occluded_rays(const Scene& scene, size_t n,
   const UserRays rays = checked(n, origins, directions, limits);
   u8* found;
   nb::object result = make_array({rays.n}, found);
-  in_parts(rays.n,
-           [&](size_t first, size_t last) { occluded(scene, k, rays, first, last, tree, found); });
+  interruptibly([&](const Stop& stop) { return occluded(scene, k, rays, tree, found, stop); });
   return result;
 }
 
 }  // namespace
 
 void bind_rays(nb::module_& m, nb::class_<Scene>& scene) {
+  nb::dict columns;  // of Met, as rows of numbers, where vectors begin
+  columns["point"] = offsetof(Met, point) / sizeof(u32);
+  columns["normal"] = offsetof(Met, normal) / sizeof(u32);
+  m.attr("met_columns") = columns;
   scene.def("intersect", &nearest, "origins"_a, "directions"_a, "tree"_a = true, "isa"_a = "")
       .def("occluded", &any, "origins"_a, "directions"_a, "limits"_a, "tree"_a = true,
            "isa"_a = "");

@@ -40,23 +40,37 @@ enum class Sight : u32 { scene, background, nothing };
 
 namespace parhelion::PH_ISA {
 
+// Where a line lies between two planes across an axis: from near on to far.
+struct Crossing {
+  double near, far;
+};
+PH_INLINE Crossing crossing(double origin, double direction, double low, double high) {
+  const double infinity = static_cast<double>(kInfinity);
+  const double a = (low - origin) / direction, b = (high - origin) / direction;
+  // Along the planes, also within one of them, where the above is no number.
+  const double out = origin < low ? infinity : (origin > high ? infinity : -infinity);
+  const bool along = direction == 0.0;
+  return {along ? out : (a < b ? a : b), along ? -out : (a > b ? a : b)};
+}
+
 // Distance at which a line is about to enter a box; 0 from inside, infinity for a miss. Short of it
-// by some of the box's size, since what lies in its sides is to be met from outside.
+// by some of the box's size, and by some roundings of its corners, since what lies in its sides is
+// to be met from outside.
 PH_INLINE double entry(DVec3 origin, DVec3 direction, const Box& box) {
   const auto least = [](double a, double b) { return a < b ? a : b; };
   const auto most = [](double a, double b) { return a > b ? a : b; };
-  const double x = 1.0 / direction.x, y = 1.0 / direction.y, z = 1.0 / direction.z;
-  const double x0 = (box.low.x - origin.x) * x, x1 = (box.high.x - origin.x) * x;
-  const double y0 = (box.low.y - origin.y) * y, y1 = (box.high.y - origin.y) * y;
-  const double z0 = (box.low.z - origin.z) * z, z1 = (box.high.z - origin.z) * z;
-  // NaN, a line within the plane, does not clip: both pass on their second where the first is it.
-  const double near = most(least(z0, z1), most(least(y0, y1), most(least(x0, x1), 0.0)));
-  const double infinity = static_cast<double>(kInfinity);
-  const double far = least(most(z1, z0), least(most(y1, y0), least(most(x1, x0), infinity)));
-  const double size = static_cast<double>(box.high.x - box.low.x) +
-                      static_cast<double>(box.high.y - box.low.y) +
-                      static_cast<double>(box.high.z - box.low.z);
-  return near <= far ? most(near - size * 0x1p-12, 0.0) : infinity;
+  const auto larger = [&](double a, double b) { return most(a < 0.0 ? -a : a, b < 0.0 ? -b : b); };
+  const DVec3 low = {box.low.x, box.low.y, box.low.z};
+  const DVec3 high = {box.high.x, box.high.y, box.high.z};
+  const Crossing x = crossing(origin.x, direction.x, low.x, high.x);
+  const Crossing y = crossing(origin.y, direction.y, low.y, high.y);
+  const Crossing z = crossing(origin.z, direction.z, low.z, high.z);
+  const double near = most(most(x.near, y.near), most(z.near, 0.0));
+  const double far = least(least(x.far, y.far), z.far);
+  const double size = (high.x - low.x) + (high.y - low.y) + (high.z - low.z);
+  const double reach = larger(low.x, high.x) + larger(low.y, high.y) + larger(low.z, high.z);
+  const double before = near - (size * 0x1p-12 + reach * 0x1p-21);
+  return near <= far ? most(before, 0.0) : static_cast<double>(kInfinity);
 }
 
 // Samples whose camera rays are made at once, each step for all of them before the next: loops of a

@@ -1,7 +1,10 @@
 #include "rays.h"
 
+#include <omp.h>
+
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -16,8 +19,7 @@
 namespace parhelion {
 namespace {
 
-// As many rays, and what is found of them, as stay in the first cache (16 KB).
-constexpr size_t kRaysAtOnce = 256;
+constexpr std::chrono::milliseconds kBetweenStops{50};
 
 DVec3 vector(const Numbers& of, size_t i) { return {of.at(i, 0), of.at(i, 1), of.at(i, 2)}; }
 
@@ -31,6 +33,13 @@ bool goes(const UserRays& rays, size_t i) {
   return finite(d) && (d.x != 0.0 || d.y != 0.0 || d.z != 0.0);
 }
 
+// Beyond float, infinite: a conversion has no meaning there.
+float rounded(double x) {
+  const double most = static_cast<double>(std::numeric_limits<float>::max());
+  return std::abs(x) <= most ? static_cast<float>(x)
+                             : std::copysign(kInfinity, x < 0 ? -1.0f : 1.0f);
+}
+
 DVec3 unit(DVec3 v) {
   double square = baseline::dot(v, v);
   if (!(square > 0x1p-900 && square < 0x1p900)) {  // by the largest: double has no such squares
@@ -40,6 +49,12 @@ DVec3 unit(DVec3 v) {
   }
   const double inverse = 1.0 / std::sqrt(square);
   return {v.x * inverse, v.y * inverse, v.z * inverse};
+}
+
+// The greatest float that is no more than a number >= 0.
+float below(double x) {
+  const float f = rounded(x);
+  return static_cast<double>(f) > x ? std::nextafter(f, 0.0f) : f;
 }
 
 bool lies_in(DVec3 p, const Box& b) {
@@ -90,7 +105,7 @@ struct Start {
                 behind != (m.inside_out != 0)};
     } else {
       const DVec3 o = vector(rays.origins, i), from = {o.x * scale, o.y * scale, o.z * scale};
-      const Box& bounds = scene.view().bounds;
+      const Box& bounds = scene.view().bounds;  // within which most rays begin
       const double far = lies_in(from, bounds) ? 0.0 : baseline::entry(from, way, bounds);
       if (!(far < static_cast<double>(kInfinity))) {  // it passes the scene by
         ray[k] = {{0, 0, 0}, direction, kNoSlot, false};
@@ -98,28 +113,38 @@ struct Start {
         return;
       }
       skipped[k] = far;
-      ray[k] = {{static_cast<float>(from.x + way.x * far), static_cast<float>(from.y + way.y * far),
-                 static_cast<float>(from.z + way.z * far)},
+      ray[k] = {{rounded(from.x + way.x * far), rounded(from.y + way.y * far),
+                 rounded(from.z + way.z * far)},
                 direction,
                 kNoSlot,
                 false};
     }
-    const double left = rays.limits.at(i, 0) * scale - skipped[k];
-    limit[k] = static_cast<float>(std::max(left, 0.0));
+    limit[k] = below(std::max(rays.limits.at(i, 0) * scale - skipped[k], 0.0));
   }
 };
 
-// f(first, count, start) of some rays after the other.
+// f(first, count, start) of all rays, some at a time. Returns whether it was not stopped.
 template <class F>
-void for_rays(const Scene& scene, const UserRays& rays, size_t first, size_t last, const F& f) {
-  const size_t chunks = (last - first + kRaysAtOnce - 1) / kRaysAtOnce;
-#pragma omp parallel for schedule(dynamic, 1) if (last - first > kFewElements)
-  for (size_t c = 0; c < chunks; ++c) {
-    const size_t from = first + c * kRaysAtOnce, count = std::min(kRaysAtOnce, last - from);
-    Start start;
-    for (size_t k = 0; k < count; ++k) start.set(scene, rays, from + k, k);
-    f(from, count, start);
+bool for_rays(const Scene& scene, const UserRays& rays, const Stop& stop, const F& f) {
+  const size_t chunks = (rays.n + kRaysAtOnce - 1) / kRaysAtOnce;
+  std::atomic<bool> stopped{false};
+#pragma omp parallel if (rays.n > kFewElements)
+  {
+    const bool asks = omp_get_thread_num() == 0;
+    auto asked = std::chrono::steady_clock::now();
+#pragma omp for schedule(dynamic, 1)
+    for (size_t c = 0; c < chunks; ++c) {
+      if (stopped.load(std::memory_order_relaxed)) continue;
+      const size_t from = c * kRaysAtOnce, count = std::min(kRaysAtOnce, rays.n - from);
+      Start start;
+      for (size_t k = 0; k < count; ++k) start.set(scene, rays, from + k, k);
+      f(from, count, start);
+      if (!asks || std::chrono::steady_clock::now() < asked + kBetweenStops) continue;
+      if (stop()) stopped = true;
+      asked = std::chrono::steady_clock::now();
+    }
   }
+  return !stopped;
 }
 
 }  // namespace
@@ -135,10 +160,10 @@ void check(const UserRays& rays) {
   if (first < rays.n) throw SceneError(problem(rays, first));
 }
 
-void intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays, size_t first,
-               size_t last, bool tree, const RayHits& hits) {
+bool intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
+               const RayHits& hits, const Stop& stop) {
   const SceneView& view = scene.view();
-  for_rays(scene, rays, first, last, [&](size_t from, size_t count, const Start& start) {
+  return for_rays(scene, rays, stop, [&](size_t from, size_t count, const Start& start) {
     Hit found[kRaysAtOnce];
     kernels.intersect(view, start.ray, start.limit, count, tree, found);
     for (size_t k = 0; k < count; ++k) {
@@ -155,8 +180,9 @@ void intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays,
         const float none = std::numeric_limits<float>::quiet_NaN();
         met = {kNoSlot, {none, none, none}, {none, none, none}, 0.0f, 0u};
       }
-      hits.distance[i] = is ? (static_cast<double>(hit.t) + start.skipped[k]) * view.unit
-                            : std::numeric_limits<double>::infinity();
+      const double distance = (static_cast<double>(hit.t) + start.skipped[k]) * view.unit;
+      hits.distance[i] =
+          is ? std::min(distance, rays.limits.at(i, 0)) : std::numeric_limits<double>::infinity();
       const auto number = [](u32 n) { return n == kNone ? std::int64_t{-1} : std::int64_t{n}; };
       hits.shape[i] = static_cast<std::int32_t>(number(place.shape));
       hits.primitive[i] = number(place.primitive);
@@ -166,9 +192,9 @@ void intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays,
   });
 }
 
-void occluded(const Scene& scene, const Kernels& kernels, const UserRays& rays, size_t first,
-              size_t last, bool tree, u8* found) {
-  for_rays(scene, rays, first, last, [&](size_t from, size_t count, const Start& start) {
+bool occluded(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
+              u8* found, const Stop& stop) {
+  return for_rays(scene, rays, stop, [&](size_t from, size_t count, const Start& start) {
     kernels.occluded(scene.view(), start.ray, start.limit, count, tree, found + from);
   });
 }

@@ -2,6 +2,7 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 
 #include "kernel_table.h"
 #include "scene.h"
@@ -37,14 +38,21 @@ struct RayHits {
   Met* met;
 };
 
+// As many rays, and what is found of them, as stay in the first cache (18 KB).
+inline constexpr size_t kRaysAtOnce = 256;
+
 // Throws SceneError, naming the first ray that is none.
 void check(const UserRays& rays);
 
-// Rays [first, last) that check() has passed; tree: or else against each primitive.
-void intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays, size_t first,
-               size_t last, bool tree, const RayHits& hits);
+// Whether to stop: asked by the calling thread alone, some times a second.
+using Stop = std::function<bool()>;
+
+// Of rays that check() has passed; tree: or else against each primitive. False if it was stopped:
+// some rays are not answered then.
+bool intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
+               const RayHits& hits, const Stop& stop);
 // Whether anything is in the way.
-void occluded(const Scene& scene, const Kernels& kernels, const UserRays& rays, size_t first,
-              size_t last, bool tree, u8* found);
+bool occluded(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
+              u8* found, const Stop& stop);
 
 }  // namespace parhelion

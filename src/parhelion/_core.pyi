@@ -23,6 +23,8 @@ class Scene:
         self, origin: Sequence[float], seed: int, n: int
     ) -> tuple[Floats, Floats, Floats, Floats]: ...
 
+met_columns: dict[str, int]
+
 def intersect_rays(
     scene: Scene,
     n: int,

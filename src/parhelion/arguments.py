@@ -118,6 +118,26 @@ def array(name: str, value: Any) -> NDArray[Any]:
         raise SceneError(f"{option(name)} is no array: {error}") from error
 
 
+def floats(values: Any, what: str) -> Any:
+    """A C-contiguous array of float32 or float64. what: as the user knows it."""
+    import numpy as np
+
+    if np.ma.is_masked(values):
+        raise SceneError(
+            f"{what} has masked elements; choose what they should be, or leave them out"
+        )
+    try:
+        array = np.asarray(values)
+        if array.dtype not in (np.float32, np.float64):
+            if array.dtype.kind not in "iuf" and array.size:
+                raise ValueError(f"its elements are {array.dtype}, not numbers")
+            array = array.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise SceneError(f"{what} is not an array of numbers: {error}") from error
+    # not np.ascontiguousarray, which makes a single number an array of one
+    return np.asarray(array, order="C")
+
+
 def path(name: str, value: Any) -> Path:
     """The path of a file."""
     if isinstance(value, (str, os.PathLike)):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,8 +16,8 @@ from .scene import Scene
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-# Columns of what the core keeps of the points that are met (host/rays.h)
-_POINT, _NORMAL = slice(3, 6), slice(6, 9)
+# Bytes of what is told of a ray
+_HIT_BYTES = 76
 # Shape of what belongs to one ray
 _ROW: dict[str, tuple[int, ...]] = {"origins": (3,), "directions": (3,), "limits": ()}
 
@@ -31,7 +30,7 @@ class Hits:
     is met, and there the numbers are -1. shape: (n,) int32, its number, by which shape_names has
     its name. primitive: (n,) int64, its number in the shape, as in the arrays. instances: (n,)
     int32, of what is seen in a copy, the number of the shape of instances, else -1; copy: (n,)
-    int64, which of them. scene: what was asked.
+    int64, which of them. scene: what was asked, whose hits these remain: they cannot be pickled.
 
     hits[index], by a mask, numbers or a slice, are those of some rays.
     """
@@ -46,6 +45,8 @@ class Hits:
 
     def __repr__(self) -> str:
         return f"<Hits: {np.count_nonzero(self.hit)} of {len(self)} rays>"
+
+    __iter__ = None  # though there is __getitem__
 
     def __len__(self) -> int:
         return len(self.distance)
@@ -65,18 +66,24 @@ class Hits:
         """(n,), whether something was met."""
         return self.shape >= 0
 
-    @cached_property
+    @property
     def position(self) -> NDArray[np.float64]:
         """(n, 3), of the points, in the scene's units; NaN where nothing is met."""
-        point: NDArray[np.float32] = self._met[:, _POINT].view(np.float32)
         scale: float = self.scene.core.stats()["scale"]
-        return point.astype(np.float64) / scale
+        return self._vectors("point").astype(np.float64) / scale
 
     @property
     def normal(self) -> NDArray[np.float32]:
         """(n, 3), of the surfaces themselves, outward, unit; NaN where nothing is met."""
-        normal: NDArray[np.float32] = self._met[:, _NORMAL].view(np.float32)
-        return normal
+        return self._vectors("normal")
+
+    def _vectors(self, name: str) -> NDArray[np.float32]:
+        """Of the points, as the core keeps them; a copy, since rays set off by these."""
+        from . import _core
+
+        first = _core.met_columns[name]
+        vectors: NDArray[np.float32] = self._met[:, first : first + 3].view(np.float32).copy()
+        return vectors
 
     @property
     def shape_names(self) -> list[str]:
@@ -108,11 +115,12 @@ def intersect(
     gets through between triangles that share an edge.
 
     Raises SceneError for a scene without a meaning and rays that are none, naming the first, and
-    ResourceError where memory does not suffice.
+    ResourceError where memory does not suffice; hits take 76 bytes a ray.
     """
     from . import _core
 
     prepared, asked = _asked(scene, origins, directions, limits, tree, isa)
+    memory.require(asked[1] * _HIT_BYTES, f"what {asked[1]} rays meet", "ask for fewer at a time")
     with machine.threads(arguments.own_threads(threads)):
         return Hits(prepared, *_core.intersect_rays(*asked))
 
@@ -135,6 +143,7 @@ def occluded(
     from . import _core
 
     _, asked = _asked(scene, origins, directions, limits, tree, isa)
+    memory.require(asked[1], f"an answer for {asked[1]} rays", "ask for fewer at a time")
     with machine.threads(arguments.own_threads(threads)):
         return _core.occluded_rays(*asked).view(np.bool_)
 
@@ -168,12 +177,10 @@ def _asked(
 
 def _numbers(name: str, value: Any) -> NDArray[Any]:
     """One row, or an array of rows, in float32 or double."""
-    array, row = arguments.array(name, value), _ROW[name]
-    shapes = row, array.shape[:1] + row
-    if array.dtype.kind not in "fiu" or array.shape not in shapes:
-        raise SceneError(
-            f"{name} is an array of {array.dtype} and of shape {array.shape}; must be numbers,"
-            f" {('n', *row)} or {row or 'a single one'}".replace("'", "")
-        )
-    kind = array.dtype if array.dtype in (np.float32, np.float64) else np.float64
-    return np.require(array, kind, ["C", "A"])
+    if isinstance(value, Hits):
+        raise SceneError(f"{name} are hits; only origins can be")
+    array, row = arguments.floats(value, name), _ROW[name]
+    if array.shape not in (row, array.shape[:1] + row):
+        wanted = "(n, 3) or (3,)" if row else "(n,) or one number"
+        raise SceneError(f"{name} has shape {array.shape}; must be {wanted}")
+    return np.require(array, requirements=["C", "A"])

@@ -327,9 +327,10 @@ void rays_of_users_meet_the_same_by_all_threads() {
   for (auto* rows : {&origins, &directions}) {
     for (auto& row : *rows) row = {uniform(engine), uniform(engine), uniform(engine)};
   }
-  const std::vector<double> limits(n, 3.0);
+  const double limit = 3.0;
+  const Numbers limits = {"limits", &limit, true, true, 1};
   const auto rows = [](const std::vector<std::array<double, 3>>& of) {
-    return reinterpret_cast<const double (*)[3]>(of.data());
+    return Numbers{"rows", of.data(), true, false, 3};
   };
   struct Found {
     std::vector<double> distance;
@@ -347,32 +348,34 @@ void rays_of_users_meet_the_same_by_all_threads() {
           met(rays.n),
           blocked(rays.n) {
       check(rays);
-      intersect(of, kernels(), rays, 0, rays.n, tree,
-                {distance.data(), shape.data(), primitive.data(), instances.data(), copy.data(),
-                 met.data()});
-      occluded(of, kernels(), rays, 0, rays.n, tree, blocked.data());
+      const Stop never = [] { return false; };
+      CHECK(intersect(of, kernels(), rays, tree,
+                      {distance.data(), shape.data(), primitive.data(), instances.data(),
+                       copy.data(), met.data()},
+                      never));
+      CHECK(occluded(of, kernels(), rays, tree, blocked.data(), never));
     }
   };
-  UserRays rays{n, rows(origins), nullptr, rows(directions), limits.data()};
+  UserRays rays{n, rows(origins), nullptr, rows(directions), limits};
   omp_set_num_threads(3);
   const Found first(scene, rays, true), brute(scene, rays, false);
   std::vector<Met> from;
   for (size_t i = 0; i < n; ++i) {
     const bool hit = first.shape[i] == 0;
     CHECK(hit == (first.blocked[i] != 0) && hit == (first.primitive[i] >= 0));
-    CHECK(hit == (first.distance[i] <= 3.0001) && first.copy[i] == -1);
+    CHECK(hit == (first.distance[i] <= limit) && first.copy[i] == -1);
     CHECK(first.distance[i] == brute.distance[i] && first.primitive[i] == brute.primitive[i]);
     CHECK(first.blocked[i] == brute.blocked[i]);
     if (hit) from.push_back(first.met[i]);
   }
   CHECK(from.size() > n / 4 && from.size() < n);
-  rays = {from.size(), nullptr, from.data(), rows(directions), limits.data()};
+  rays = {from.size(), {}, from.data(), rows(directions), limits};
   const Found second(scene, rays, true), slowly(scene, rays, false);
   CHECK(second.distance == slowly.distance && second.primitive == slowly.primitive);
   from[5].slot = kNoSlot;
   CHECK(message_of([&] { check(rays); }).find("origins[5] has met nothing") == 0);
   omp_set_num_threads(omp_get_num_procs());
-  rays = {n, rows(origins), nullptr, rows(directions), limits.data()};
+  rays = {n, rows(origins), nullptr, rows(directions), limits};
   directions[7] = {0.0, 0.0, 0.0};
   origins[6][1] = NAN;
   CHECK(message_of([&] { check(rays); }).find("origins[6] is (") == 0);
