@@ -1,6 +1,7 @@
 """`parhelion view` under load.
 
 python -m bench.view latency    from a key in a real page to the picture that it leads to
+python -m bench.view noise      the error of what is shown, by how long it has been looked at
 python -m bench.view soak       clients that come and go, and what memory is taken meanwhile
 """
 
@@ -10,6 +11,7 @@ import argparse
 import ctypes
 import gc
 import json
+import math
 import os
 import random
 import shutil
@@ -20,13 +22,14 @@ import sys
 import threading
 import time
 from contextlib import suppress
+from dataclasses import replace
 from urllib.parse import urlsplit
 
 import parhelion as ph
 from parhelion.view.server import Server
 from parhelion.view.session import Session, resident
 
-from .scenes import cloud
+from .scenes import GALLERY, cloud
 
 # Milliseconds until something is to be seen after a camera moved
 WANTED = 300.0
@@ -88,6 +91,41 @@ def latency(spheres: int, moves: int, width: int, height: int) -> int:
         f" longest {taken[-1]:.0f} ms; {late} over {WANTED:.0f} ms"
     )
     return int(late > moves / 20)
+
+
+# --- Noise ---------------------------------------------------------------------------------------
+
+MARKS = (0.1, 0.3, 1.0, 3.0, 10.0)  # seconds
+
+
+def noise(name: str, pixels: int, spp: int) -> int:
+    """Prints trimmed errors (parhelion.comparison.relative_mse) by seconds since a scene of the
+    gallery was opened, and since its camera was moved a little; each pixel by itself, and as it is
+    by default. spp: of the references.
+    """
+    from parhelion.comparison import relative_mse
+
+    from .gallery import load
+
+    prepared = ph.prepare(load(name, pixels))
+    first = prepared.scene.camera
+    assert isinstance(first, ph.Camera)
+    aside = 0.02 * math.dist(first.eye, first.target)
+    moved = replace(first, eye=(first.eye[0] + aside, *first.eye[1:]))
+    truths = [ph.render(prepared, camera=c, spp=spp, seed=999).numpy() for c in (first, moved)]
+    print("|", name, "|", " | ".join(f"{mark:g} s" for mark in MARKS), "|")
+    for ways, words in ((False, "each pixel by itself"), ("auto", "by default")):
+        with Session(prepared, reuse_paths=ways) as session:
+            for k, (what, truth) in enumerate(zip(("opened", "moved"), truths, strict=True)):
+                began, errors = time.perf_counter(), []
+                revision = session.look(moved) if k else 0
+                for mark in MARKS:
+                    time.sleep(max(0.0, began + mark - time.perf_counter()))
+                    frame = session.frame
+                    is_it = frame is not None and frame.revision == revision and frame.scale == 1.0
+                    errors.append(f"{relative_mse(frame.pixels, truth)[1]:.3g}" if is_it else "")
+                print(f"| {what}, {words} | {' | '.join(errors)} |")
+    return 0
 
 
 # --- Soak ----------------------------------------------------------------------------------------
@@ -242,11 +280,14 @@ def _message(rng: random.Random) -> str:
 def main() -> int:
     """One of the measurements; its exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("what", choices=("latency", "soak", "clients"), help="clients: soak's own")
+    whats = ("latency", "noise", "soak", "clients")
+    parser.add_argument("what", choices=whats, help="clients: soak's own")
     parser.add_argument("rest", nargs="*", help=argparse.SUPPRESS)
     parser.add_argument("--spheres", type=float, default=0, help="default: the built-in scene")
     parser.add_argument("--moves", type=int, default=60)
     parser.add_argument("--size", type=int, nargs=2, default=(1280, 800), help="of the window")
+    parser.add_argument("--scene", choices=GALLERY, default="sponza", help="of noise")
+    parser.add_argument("--reference-spp", type=int, default=512, help="of noise")
     parser.add_argument("--minutes", type=float, default=60)
     parser.add_argument("--clients", type=int, default=6)
     parser.add_argument("--every", type=float, default=15, help="seconds between two rows")
@@ -255,6 +296,8 @@ def main() -> int:
         visit(args.rest[0], int(args.rest[1]))
     if args.what == "latency":
         return latency(int(args.spheres), args.moves, *args.size)
+    if args.what == "noise":
+        return noise(args.scene, math.prod(args.size), args.reference_spp)
     import logging
 
     logging.getLogger("parhelion").setLevel("ERROR")  # of what is refused there is much

@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 import parhelion as ph
-from parhelion import memory, renderer
+from parhelion import memory, renderer, sharing
 from parhelion.view import drawing, stage
 from parhelion.view import session as views
 from parhelion.view.drawing import Frame
 from parhelion.view.layers import LAYERS
 from parhelion.view.session import Session, resident
 from test_memory import LINUX, child
+from test_reuse import room
 
 WHITE = ph.Material("diffuse", color=(0.8, 0.8, 0.8))
 
@@ -104,6 +105,76 @@ def test_crop_and_size(session: Session) -> None:
         session.resize(8000, 8000)
     with pytest.raises(ph.SceneError, match="share"):
         session.crop((0.5, 0.5, 2.0, 0.1))
+
+
+LARGE = {"width": 192, "height": 160}  # enough for paths that are shared
+
+
+@pytest.fixture
+def early(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether paths are to be shared is found out after the first pass."""
+    monkeypatch.setattr(drawing, "LOOK_SECONDS", 0.0)
+    monkeypatch.setattr(drawing, "LOOK_SHARE", 1e9)
+
+
+@pytest.mark.usefixtures("early")
+def test_paths_are_shared_where_that_pays_and_the_picture_is_that_of_render() -> None:
+    seen: list[Frame] = []
+    with Session(room(True), spp=8, **LARGE) as session:
+        session.subscribe(lambda event: seen.append(session.frame) if event == "frame" else None)
+        frame = settled(session, 8)
+        assert frame.settings.reuse_paths is True
+        expected = ph.render(room(True), spp=8, **LARGE)
+        assert expected.settings.reuse_paths is True
+        assert np.array_equal(frame.pixels, expected.pixels)
+        # at first each pixel by itself, until what is shared has less noise
+        ways = [f.settings.reuse_paths for f in seen if f.revision == frame.revision]
+        assert ways[0] is False
+        assert ways == sorted(ways)
+        numbers = [f.number for f in seen]
+        assert numbers == sorted(numbers)
+        # what comes next begins with it
+        session.look(ph.Camera((0.2, 1.1, 0.95), (0, 0.9, -1), vfov=70))
+        settled(session, 1)
+        mine = [f for f in seen if f.revision == session.frame.revision and f.scale == 1.0]
+        assert all(f.settings.reuse_paths for f in mine)
+        assert session.image().settings.reuse_paths is True
+
+
+@pytest.mark.usefixtures("early")
+def test_paths_are_not_shared_any_more_where_it_does_not_pay() -> None:
+    plain = scene().replace(settings=ph.Settings(**LARGE, max_depth=4))
+    with Session(plain, spp=12) as session:
+        session._shared = True  # as the last picture was
+        frame = settled(session, 12)
+        assert frame.settings.reuse_paths is False
+        assert np.array_equal(frame.pixels, ph.render(plain, spp=12).pixels)
+        assert not session._shared
+    for asked in (True, False):  # who says it is obeyed
+        with Session(room(True), spp=3, reuse_paths=asked, **LARGE) as session:
+            assert settled(session, 3).settings.reuse_paths is asked
+
+
+@pytest.mark.usefixtures("early")
+def test_a_pause_comes_before_finding_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked, stopped = threading.Event(), threading.Event()
+    look = sharing.look
+
+    def never_ending(*arguments: Any) -> Any:
+        looked.set()
+        while not arguments[-1](0, 0):
+            time.sleep(0.001)
+        stopped.set()
+
+    monkeypatch.setattr(sharing, "look", never_ending)
+    with Session(room(True), spp=8, **LARGE) as session:
+        assert looked.wait(20)
+        session.pause()
+        assert stopped.wait(20)
+        assert settled(session, 1).settings.reuse_paths is False
+        monkeypatch.setattr(sharing, "look", look)
+        session.pause(False)
+        assert settled(session, 8).settings.reuse_paths is True
 
 
 def test_pause_rests_after_one_picture_of_full_size(session: Session) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from math import isqrt
+from dataclasses import dataclass
+from math import inf, isqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,24 +30,58 @@ _DARK = 0.02
 _PLASTIC = 1.32471795724474602596
 
 
-def pays(core: Any, view: Any, settings: Settings, work: Work) -> bool:
-    """Whether a picture has less noise for as many rays where its pixels share their paths.
+@dataclass(frozen=True)
+class Look:
+    """What sharing paths does to a picture: its noise, a square, and its rays, over those without,
+    at as many samples.
+    """
 
-    Some squares of the whole picture, whatever its crop is, are rendered both ways with few
-    samples. The answer depends on the scene, its camera and the settings alone, of which seed and
-    number of samples do not matter. view: the core's, of settings.
+    noise: float
+    rays: float
+
+    @property
+    def pays(self) -> bool:
+        """Whether there is less noise for as many rays. Time is less than in proportion to them, so
+        that what is gained is worth a little, too.
+        """
+        return self.noise * self.rays < 1.0
+
+
+def pays(core: Any, view: Any, settings: Settings, work: Work) -> bool:
+    """Whether it pays that a picture's pixels share their paths: see look()."""
+    if samples(settings) == 0:
+        return False
+    found = look(core, view, settings, work)
+    return found is not None and found.pays
+
+
+def samples(settings: Settings) -> int:
+    """How many look() takes of a picture; none where it would cost more than it may save, or where
+    nothing can be shared.
     """
     from . import _core
 
     across, down = settings.width // _core.region, settings.height // _core.region
     if across * down < _FEWEST or settings.integrator != "path" or settings.max_depth < 3:
-        return False
-    places = squares(across, down)
+        return 0
+    return 2 * len(_SEEDS) * len(squares(across, down)) * _core.region**2 * _SAMPLES
+
+
+def look(core: Any, view: Any, settings: Settings, work: Work, tick: Any = None) -> Look | None:
+    """Some squares of the whole picture, whatever its crop is, both ways with few samples.
+
+    The answer depends on the scene, its camera and the settings alone, of which seed and number of
+    samples do not matter. view: the core's, of settings. tick: see Film.render; None if it stopped
+    it.
+    """
+    from . import _core
+
+    places = squares(settings.width // _core.region, settings.height // _core.region)
     pictures, rays = [], []
     for shared in (False, True):
         views = [view.but(seed, shared) for seed in _SEEDS]
         films = [(_square(*place), view) for view in views for place in places]
-        _, traced, _ = _core.render_films(
+        _, traced, complete = _core.render_films(
             core,
             films,
             _SAMPLES,
@@ -54,15 +89,17 @@ def pays(core: Any, view: Any, settings: Settings, work: Work) -> bool:
             tile=_core.region,
             schedule=work.schedule,
             isa=work.isa,
-            tick=None,
+            tick=tick,
         )
+        if not complete:
+            return None
         pictures.append([film.arrays()[0] for film, _ in films])
         rays.append(traced)
     shape = (2, len(_SEEDS), len(places), _core.region**2, 3)
     alone, shared = noise(np.array(pictures, np.float64).reshape(shape))
     log.debug("shared paths: noise %.4g instead of %.4g, rays %d of %d", shared, alone, *rays[::-1])
-    # time is less than in proportion to rays, so that what is gained is worth a little, too
-    return bool(shared * rays[1] < alone * rays[0])
+    # where there is no noise there is nothing to gain
+    return Look(float(shared / alone) if alone > 0 else inf, rays[1] / rays[0])
 
 
 def squares(across: int, down: int) -> list[tuple[int, int]]:

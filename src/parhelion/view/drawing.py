@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import memory
+from .. import memory, sharing
 from ..flatten import Flat
-from ..progressive import block_errors, picture_error
+from ..progressive import Work, block_errors, picture_error
 from ..renderer import ERROR_BYTES, FEATURE_BYTES, PIXEL_BYTES, merged, surface_features
 from ..scene import Camera, Settings, Vec3
 from .stage import Stage, add_samples, triple
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 # Seconds that a pass may take: in the beginning, and later, when pictures change less.
 SHORTEST_PASS, LONGEST_PASS = 0.15, 1.5
+# Seconds that a picture has been rendered for when it is found out whether its pixels shall share
+# their paths, and the share of its time that this may take.
+LOOK_SECONDS, LOOK_SHARE = 0.5, 0.25
 # A picture that would be larger than this share of the one asked for is not worth being made first.
 ALMOST_WHOLE = 0.7
 # About the least side of a coarse picture, in pixels.
@@ -102,13 +105,17 @@ class Frame:
 class Drawing:
     """A request's picture under way, made by draw(). failed: it cannot be made; the old one stays.
 
-    scale: of its size; 1 for the size that was asked for. first: of this request. done: samples
-    that each pixel has. size: samples a pixel of the next pass. workers: of a cluster that goes on
-    with it.
+    scale: of its size; 1 for the size that was asked for. shared: whether its pixels share their
+    paths, where the settings leave that open, until it has been found out for this one (`looked`).
+    first: of this request. done: samples that each pixel has. shown_from: of them, so that it is
+    better than what was shown before. size: samples a pixel of the next pass. workers: of a cluster
+    that goes on with it.
     """
 
     request: Request
     scale: float
+    shared: bool = False
+    looked: bool = True
     first: bool = True
     failed: bool = False
     film: Any = None
@@ -116,6 +123,7 @@ class Drawing:
     settings: Settings | None = None
     place: tuple[int, int, int, int] = (0, 0, 0, 0)
     done: int = 0
+    shown_from: int = 0
     size: int = 1
     seconds: float = 0.0
     samples: int = 0
@@ -134,21 +142,54 @@ class Drawing:
 
     def begin(self, stage: Stage) -> None:
         """Makes the film. Raises SceneError, and ResourceError if memory is too small."""
-        from .. import _core
-
         request = self.request
         width = max(1, round(request.width * self.scale))
         height = max(1, round(request.height * self.scale))
         x, y, w, h = rectangle(request.crop or (0.0, 0.0, 1.0, 1.0), width, height)
         crop = None if request.crop is None else (x, y, w, h)
         wanted = merged(stage.settings, {"width": width, "height": height, "crop": crop})
-        # there is no time to find out for each look whether it pays
-        self.settings = replace(wanted, reuse_paths=wanted.reuse_paths is True)
+        shared = wanted.reuse_paths is True
+        if wanted.reuse_paths == "auto" and self.whole and sharing.samples(wanted) > 0:
+            self.looked, shared = False, self.shared
+        self.settings = replace(wanted, reuse_paths=shared)
         self.place = x, y, w, h
         self.view = stage.view(request.camera, self.settings)
         if self.whole:
             require(w, h, request.features)
-        self.film = _core.Film(x, y, w, h, request.features, self.whole)
+        self._clear()
+
+    def _clear(self) -> None:
+        from .. import _core
+
+        self.film = _core.Film(*self.place, self.request.features, self.whole)
+
+    def worth_a_look(self, at_once: bool) -> bool:
+        """Whether it is time to find out if pixels shall share their paths."""
+        if self.looked or self.done == 0 or self.settings is None:
+            return False
+        if at_once:
+            return True
+        takes = sharing.samples(self.settings) * self.seconds / self.samples
+        return self.seconds > max(LOOK_SECONDS, takes / LOOK_SHARE)
+
+    def look(self, stage: Stage, work: Work, tick: Any) -> None:
+        """Finds that out, and begins anew if it is not as it was; tick, which may stop it: see
+        Film.render.
+        """
+        assert self.settings is not None
+        found = sharing.look(stage.core, self.view, self.settings, work, tick)
+        if found is None:
+            return
+        self.looked = True
+        if found.pays is self.settings.reuse_paths:
+            return
+        self.shared = found.pays
+        self.settings = replace(self.settings, reuse_paths=found.pays)
+        self.view = self.view.but(self.settings.seed, found.pays)
+        self.shown_from = math.ceil(self.done * (found.noise if found.pays else 1 / found.noise))
+        self.done, self.size = 0, 1
+        self.seconds, self.samples, self.rays = 0.0, 0, 0
+        self._clear()
 
     def add(
         self, stage: Stage, spp: int, threads: int, tick: Any, began: float
@@ -172,7 +213,8 @@ class Drawing:
     def finer(self) -> Drawing:
         """The picture that follows on a coarse one."""
         scale = 2.0 * self.scale
-        return Drawing(self.request, 1.0 if scale > ALMOST_WHOLE else scale, first=False)
+        scale = 1.0 if scale > ALMOST_WHOLE else scale
+        return Drawing(self.request, scale, self.shared, first=False)
 
     def frame(self, number: int, stage: Stage) -> Frame:
         """The picture as far as it has come."""
@@ -212,12 +254,16 @@ class Drawing:
         )
 
 
-def draw(request: Request, most: float) -> Drawing:
-    """A request's first picture, as large as one of so many samples, one a pixel, may be."""
+def draw(request: Request, most: float, shared: bool) -> Drawing:
+    """A request's first picture, as large as one of so many samples, one a pixel, may be.
+
+    shared: see Drawing.
+    """
     w, h = (request.crop or (0.0, 0.0, 1.0, 1.0))[2:]
     pixels = max(request.width * w * request.height * h, 1.0)
     scale = math.sqrt(most / pixels)
-    return Drawing(request, 1.0 if scale > ALMOST_WHOLE else max(scale, _LEAST / math.sqrt(pixels)))
+    scale = 1.0 if scale > ALMOST_WHOLE else max(scale, _LEAST / math.sqrt(pixels))
+    return Drawing(request, scale, shared)
 
 
 def rectangle(part: Rectangle, width: int, height: int) -> tuple[int, int, int, int]:

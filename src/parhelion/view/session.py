@@ -29,6 +29,7 @@ from ..denoise import check_denoiser, denoised, finite, guides_of
 from ..display import Display
 from ..errors import ParhelionError, ResourceError, SceneError, unknown_name
 from ..image import HIDDEN, Image, RenderStats
+from ..progressive import Work
 from ..renderer import Prepared, merged, plain_camera, prepare
 from ..scene import Camera, Framing, Scene
 from .drawing import LONGEST_PASS, Drawing, Frame, Rectangle, Request, draw, rectangle, require
@@ -119,6 +120,7 @@ class Session:
         self._frame: Frame | None = None
         self._full: Frame | None = None
         self._rate = UNKNOWN_RATE
+        self._shared = False  # as it paid for the last picture of which it was found out
         self._spp = arguments.whole("spp", spp, 1, 2**23)
         self._drawing: Drawing | None = None
         self._number = 0
@@ -544,11 +546,15 @@ class Session:
         request = self._request
         drawing = self._drawing
         if drawing is None or drawing.request is not request:
-            drawing = self._drawing = draw(request, self._rate * FIRST_SECONDS)
+            drawing = self._drawing = draw(request, self._rate * FIRST_SECONDS, self._shared)
         began = time.perf_counter()
         if drawing.film is None:
             drawing.begin(self._stage)
-        if self._cluster is not None and drawing.whole and drawing.done > 0:
+        elsewhere = self._cluster is not None and drawing.whole and drawing.done > 0
+        if drawing.worth_a_look(at_once=elsewhere):
+            self._look(drawing)
+            return
+        if elsewhere:
             self._step_elsewhere(drawing)
             return
         first, whole = drawing.first, drawing.done > 0
@@ -580,6 +586,17 @@ class Session:
         self._publish(drawing)
         if not drawing.whole:
             self._drawing = drawing.finer()
+
+    def _look(self, drawing: Drawing) -> None:
+        """Finds out whether pixels shall share their paths, unless something else is due."""
+        request = self._request
+
+        def tick(_samples: int, _rays: int) -> bool:
+            other = bool(self._jobs) or self._request is not request
+            return self._closing or other or self._paused or self._resting
+
+        drawing.look(self._stage, Work(self._threads, 16, "dynamic", ""), tick)
+        self._shared = drawing.shared
 
     def _step_elsewhere(self, drawing: Drawing) -> None:
         """All that is left of a picture, by the cluster, told as it comes."""
@@ -637,6 +654,8 @@ class Session:
             tell(samples, rays)
 
     def _publish(self, drawing: Drawing) -> None:
+        if drawing.done < min(drawing.shown_from, self._spp):  # what is shown is better
+            return
         self._number += 1
         frame = drawing.frame(self._number, self._stage)
         with self._condition:
