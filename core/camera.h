@@ -69,6 +69,7 @@ PH_INLINE double entry(DVec3 origin, DVec3 direction, const Box& box) {
   const double far = least(least(x.far, y.far), z.far);
   const double size = (high.x - low.x) + (high.y - low.y) + (high.z - low.z);
   const double reach = larger(low.x, high.x) + larger(low.y, high.y) + larger(low.z, high.z);
+  // Of bounds around nothing no number, and 0 then.
   const double before = near - (size * 0x1p-12 + reach * 0x1p-21);
   return near <= far ? most(before, 0.0) : static_cast<double>(kInfinity);
 }

@@ -123,10 +123,11 @@ struct Start {
   }
 };
 
-// f(first, count, start) of all rays, some at a time. Returns whether it was not stopped.
+// f(first, count, start) of all rays, some at a time. Returns whether it was not stopped. tree: or
+// else they are slow, and fewer at a time.
 template <class F>
-bool for_rays(const Scene& scene, const UserRays& rays, const Stop& stop, const F& f) {
-  const size_t chunks = (rays.n + kRaysAtOnce - 1) / kRaysAtOnce;
+bool for_rays(const Scene& scene, const UserRays& rays, bool tree, const Stop& stop, const F& f) {
+  const size_t most = tree ? kRaysAtOnce : 16, chunks = (rays.n + most - 1) / most;
   std::atomic<bool> stopped{false};
 #pragma omp parallel if (rays.n > kFewElements)
   {
@@ -135,7 +136,7 @@ bool for_rays(const Scene& scene, const UserRays& rays, const Stop& stop, const 
 #pragma omp for schedule(dynamic, 1)
     for (size_t c = 0; c < chunks; ++c) {
       if (stopped.load(std::memory_order_relaxed)) continue;
-      const size_t from = c * kRaysAtOnce, count = std::min(kRaysAtOnce, rays.n - from);
+      const size_t from = c * most, count = std::min(most, rays.n - from);
       Start start;
       for (size_t k = 0; k < count; ++k) start.set(scene, rays, from + k, k);
       f(from, count, start);
@@ -163,7 +164,7 @@ void check(const UserRays& rays) {
 bool intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
                const RayHits& hits, const Stop& stop) {
   const SceneView& view = scene.view();
-  return for_rays(scene, rays, stop, [&](size_t from, size_t count, const Start& start) {
+  return for_rays(scene, rays, tree, stop, [&](size_t from, size_t count, const Start& start) {
     Hit found[kRaysAtOnce];
     kernels.intersect(view, start.ray, start.limit, count, tree, found);
     for (size_t k = 0; k < count; ++k) {
@@ -194,7 +195,7 @@ bool intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays,
 
 bool occluded(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
               u8* found, const Stop& stop) {
-  return for_rays(scene, rays, stop, [&](size_t from, size_t count, const Start& start) {
+  return for_rays(scene, rays, tree, stop, [&](size_t from, size_t count, const Start& start) {
     kernels.occluded(scene.view(), start.ray, start.limit, count, tree, found + from);
   });
 }

@@ -18,8 +18,8 @@ struct Met {
   u32 inside_out;      // whether the shape's inside is where its normals point to
 };
 
-// In the user's units, of each of n rays. They set off from `origins`, or, unless that is null,
-// from what others have met: on the side that they go to.
+// In the user's units, of each of n rays. They set off from what others have met, on the side
+// that they go to, or, where `from` is null, from `origins`.
 struct UserRays {
   size_t n;
   Numbers origins;

@@ -32,6 +32,7 @@ from parhelion.flatten import Flat
 from parhelion.renderer import prepare
 from parhelion.view.session import Session
 from picture_tools import assert_same, read_picture
+from test_reuse import room
 
 distributed = pytest.importorskip("distributed")
 
@@ -847,6 +848,17 @@ def test_the_live_view_by_a_cluster(client: Any, scene: Any) -> None:
         session.limit(60)
         with_samples(session, 60)
     assert max(told) == 60
+
+
+def test_the_live_view_by_a_cluster_shares_paths_where_that_pays(client: Any) -> None:
+    size = {"width": 192, "height": 160, "spp": 5}
+    with Session(room(True), cluster=client, threads=1, **size) as session:
+        for _ in range(2):
+            frame = with_samples(session, 5)
+            expected = ph.render(room(True), camera=frame.camera, **size)
+            assert frame.settings.reuse_paths is expected.settings.reuse_paths is True
+            np.testing.assert_array_equal(frame.pixels, expected.numpy())
+            session.look(ph.Camera(eye=(0.2, 1.1, 0.95), target=(0, 0.9, -1), vfov=70))
 
 
 def test_the_live_view_goes_on_where_the_scheduler_ends(scene: Any) -> None:

@@ -155,6 +155,61 @@ def test_paths_are_not_shared_any_more_where_it_does_not_pay() -> None:
             assert settled(session, 3).settings.reuse_paths is asked
 
 
+@pytest.mark.parametrize("spp", [1, 3])
+def test_the_last_picture_is_that_of_render_however_soon_it_is_there(spp: int) -> None:
+    expected = ph.render(room(True), spp=spp, **LARGE)
+    assert expected.settings.reuse_paths is True
+    with Session(room(True), spp=spp, **LARGE) as session:
+        end = time.monotonic() + 20
+        while session.frame is None or session.frame.settings.reuse_paths is False:
+            assert time.monotonic() < end
+            time.sleep(0.005)
+        assert np.array_equal(settled(session, spp).pixels, expected.pixels)
+        # what follows on a lower limit, too
+        session.limit(8)
+        settled(session, 8)
+        session.limit(spp)
+        session.look(ph.Camera((0.2, 1.1, 0.95), (0, 0.9, -1), vfov=70))
+        again = settled(session, spp)
+        there = ph.render(room(True), spp=spp, camera=again.camera, **LARGE)
+        assert np.array_equal(again.pixels, there.pixels)
+
+
+@pytest.mark.usefixtures("early")
+def test_a_pause_is_heard_while_samples_begin_anew() -> None:
+    anew = threading.Event()
+    find_out = drawing.Drawing.find_out
+
+    def noted(own: drawing.Drawing, *arguments: Any) -> None:
+        find_out(own, *arguments)
+        if own.done == 0:
+            anew.set()
+
+    size = {"width": 1280, "height": 1066}  # a pass takes a second
+    with pytest.MonkeyPatch.context() as patch, Session(room(True), spp=8, **size) as session:
+        patch.setattr(drawing.Drawing, "find_out", noted)
+        assert anew.wait(60)
+        session.pause()
+        began = time.process_time()
+        time.sleep(1.5)
+        assert time.process_time() - began < 0.9
+        frame = session.frame
+        assert frame is not None
+        assert frame.settings.reuse_paths is False
+        assert np.all(frame.counts > 0)
+
+
+@pytest.mark.usefixtures("early")
+def test_what_finds_no_memory_to_find_out_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    def too_large(*_: Any) -> Any:
+        raise MemoryError
+
+    monkeypatch.setattr(sharing, "look", too_large)
+    with Session(room(True), spp=3, **LARGE) as session:
+        assert settled(session, 3).settings.reuse_paths is False
+        assert session.state()["error"] is None
+
+
 @pytest.mark.usefixtures("early")
 def test_a_pause_comes_before_finding_out(monkeypatch: pytest.MonkeyPatch) -> None:
     looked, stopped = threading.Event(), threading.Event()

@@ -118,8 +118,8 @@ def array(name: str, value: Any) -> NDArray[Any]:
         raise SceneError(f"{option(name)} is no array: {error}") from error
 
 
-def floats(values: Any, what: str) -> Any:
-    """A C-contiguous array of float32 or float64. what: as the user knows it."""
+def floats(what: str, values: Any) -> Any:
+    """A C-contiguous array of float32 or float64. what: the argument, or a field of an object."""
     import numpy as np
 
     if np.ma.is_masked(values):

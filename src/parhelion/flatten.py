@@ -484,7 +484,7 @@ class _Parts:
             record["uvs"] = self.attribute(common["uvs"])
         matrix = np.eye(3)[:2]
         if common.get("transform") is not None:
-            matrix = arguments.floats(common["transform"], f"{where}: transform")
+            matrix = arguments.floats(f"{where}: transform", common["transform"])
             if matrix.shape not in ((2, 3), (3, 3)) or not np.all(np.isfinite(matrix)):
                 raise SceneError(f"{where}: transform must be a finite (2, 3) or (3, 3) matrix")
         record["to_uv"] = matrix[:2].astype(np.float64).ravel().tolist()
@@ -574,7 +574,7 @@ class _Parts:
                 raise SceneError(f"{where}: parameter {key!r} is 0; it must have a direction")
         rotation, position = np.eye(3), np.zeros(3)
         if common.get("transform") is not None:
-            matrix = arguments.floats(common["transform"], f"{where}: transform").astype(np.float64)
+            matrix = arguments.floats(f"{where}: transform", common["transform"]).astype(np.float64)
             if matrix.shape not in ((3, 3), (3, 4), (4, 4)) or not np.all(np.isfinite(matrix)):
                 raise SceneError(f"{where}: transform must be a finite (3, 3) or (4, 4) matrix")
             rotation = matrix[:3, :3]
@@ -637,7 +637,7 @@ class _Parts:
         self, key: str, values: Any, faces: int, vertices: int, where: str
     ) -> dict[str, Any]:
         what = f"{where}: attribute {key!r}"
-        array = arguments.floats(values, what).astype(np.float32, copy=False)
+        array = arguments.floats(what, values).astype(np.float32, copy=False)
         per_face = key.startswith("face_")
         if not per_face and not key.startswith("vertex_"):
             raise SceneError(f"{what}: its name must begin with 'vertex_' or 'face_'")
@@ -660,7 +660,7 @@ class _Parts:
     def instances(self, shape: Instances) -> dict[str, Any]:
         name = _text(shape.name)
         where = f"shape {name!r}"
-        transforms = arguments.floats(shape.transforms, f"{where}: transforms").astype(np.float64)
+        transforms = arguments.floats(f"{where}: transforms", shape.transforms).astype(np.float64)
         if transforms.size == 0:
             transforms = transforms.reshape(0, 3, 4)
         if transforms.ndim != 3 or transforms.shape[1:] not in ((3, 4), (4, 4)):
@@ -695,7 +695,7 @@ class _Parts:
 
 
 def _colors(values: Any, count: int, where: str) -> NDArray[np.float32]:
-    colors = arguments.floats(values, f"{where}: colors")
+    colors = arguments.floats(f"{where}: colors", values)
     with np.errstate(over="ignore"):  # the core names the one that became infinite
         colors = colors.astype(np.float32, copy=False)
     if colors.size == 0:
@@ -717,7 +717,7 @@ def _spheres(shape: Spheres, where: str) -> dict[str, Any]:
         "radii": _radii(shape.radii, len(centers), "center", where),
     }
     if shape.rotation is not None:
-        rotation = arguments.floats(shape.rotation, f"{where}: rotation").astype(np.float64)
+        rotation = arguments.floats(f"{where}: rotation", shape.rotation).astype(np.float64)
         if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
             raise SceneError(f"{where}: rotation must be a (3, 3) rotation matrix")
         record["rotation"] = rotation.astype(np.float32).ravel()
@@ -749,7 +749,7 @@ def _mesh(shape: Mesh, where: str) -> dict[str, Any]:
         values = getattr(shape, key)
         if values is None:
             continue
-        array = arguments.floats(values, f"{where}: {key}").astype(np.float32, copy=False)
+        array = arguments.floats(f"{where}: {key}", values).astype(np.float32, copy=False)
         if array.shape != (len(vertices), width):
             raise SceneError(
                 f"{where}: {key} has shape {array.shape}; must be ({len(vertices)}, {width}), one"
@@ -848,7 +848,7 @@ def _refuse_deep(texture: Texture, where: str) -> None:
 
 
 def _points(values: Any, what: str) -> Any:
-    array = arguments.floats(values, what)
+    array = arguments.floats(what, values)
     if array.size == 0:
         array = array.reshape(0, 3)
     if array.ndim != 2 or array.shape[1] != 3:
@@ -864,7 +864,7 @@ def _rows(values: Any, count: int, what: str) -> Any:
 
 
 def _radii(values: Any, count: int, of: str, where: str) -> Any:
-    radii = arguments.floats(values, f"{where}: radii")
+    radii = arguments.floats(f"{where}: radii", values)
     if radii.ndim != 0 and radii.shape != (count,):
         raise SceneError(
             f"{where}: radii has shape {radii.shape}; must be ({count},), one for each {of}, or"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from math import inf, isqrt
+from math import inf, isfinite, isqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -71,8 +71,8 @@ def look(core: Any, view: Any, settings: Settings, work: Work, tick: Any = None)
     """Some squares of the whole picture, whatever its crop is, both ways with few samples.
 
     The answer depends on the scene, its camera and the settings alone, of which seed and number of
-    samples do not matter. view: the core's, of settings. tick: see Film.render; None if it stopped
-    it.
+    samples do not matter. view: the core's, of settings, of which samples() tells that there is
+    something to look at. tick: see Film.render; None if it stopped it.
     """
     from . import _core
 
@@ -99,7 +99,8 @@ def look(core: Any, view: Any, settings: Settings, work: Work, tick: Any = None)
     alone, shared = noise(np.array(pictures, np.float64).reshape(shape))
     log.debug("shared paths: noise %.4g instead of %.4g, rays %d of %d", shared, alone, *rays[::-1])
     # where there is no noise there is nothing to gain
-    return Look(float(shared / alone) if alone > 0 else inf, rays[1] / rays[0])
+    told = alone > 0 and isfinite(shared)
+    return Look(float(shared / alone) if told else inf, rays[1] / rays[0])
 
 
 def squares(across: int, down: int) -> list[tuple[int, int]]:

@@ -105,11 +105,11 @@ class Frame:
 class Drawing:
     """A request's picture under way, made by draw(). failed: it cannot be made; the old one stays.
 
-    scale: of its size; 1 for the size that was asked for. shared: whether its pixels share their
-    paths, where the settings leave that open, until it has been found out for this one (`looked`).
-    first: of this request. done: samples that each pixel has. shown_from: of them, so that it is
-    better than what was shown before. size: samples a pixel of the next pass. workers: of a cluster
-    that goes on with it.
+    scale: of its size; 1 for the size that was asked for. shared: whether pixels share their paths
+    where the settings leave that open: a guess until `looked`. first: of this request. seen: it has
+    been shown in the size that was asked for. done: samples that each pixel has. shown_from: of
+    them, so that it is better than what is shown; withheld: until then. size: samples a pixel of
+    the next pass. workers: of a cluster that goes on with it.
     """
 
     request: Request
@@ -123,7 +123,9 @@ class Drawing:
     settings: Settings | None = None
     place: tuple[int, int, int, int] = (0, 0, 0, 0)
     done: int = 0
+    seen: bool = False
     shown_from: int = 0
+    withheld: bool = False
     size: int = 1
     seconds: float = 0.0
     samples: int = 0
@@ -161,6 +163,7 @@ class Drawing:
     def _clear(self) -> None:
         from .. import _core
 
+        self.film = None  # there is no room for two
         self.film = _core.Film(*self.place, self.request.features, self.whole)
 
     def worth_a_look(self, at_once: bool) -> bool:
@@ -172,9 +175,9 @@ class Drawing:
         takes = sharing.samples(self.settings) * self.seconds / self.samples
         return self.seconds > max(LOOK_SECONDS, takes / LOOK_SHARE)
 
-    def look(self, stage: Stage, work: Work, tick: Any) -> None:
-        """Finds that out, and begins anew if it is not as it was; tick, which may stop it: see
-        Film.render.
+    def find_out(self, stage: Stage, work: Work, tick: Any) -> None:
+        """Whether they shall, and begins anew if it is not as was guessed; tick, which may stop it:
+        see Film.render.
         """
         assert self.settings is not None
         found = sharing.look(stage.core, self.view, self.settings, work, tick)
@@ -183,13 +186,13 @@ class Drawing:
         self.looked = True
         if found.pays is self.settings.reuse_paths:
             return
+        self._clear()
         self.shared = found.pays
         self.settings = replace(self.settings, reuse_paths=found.pays)
         self.view = self.view.but(self.settings.seed, found.pays)
         self.shown_from = math.ceil(self.done * (found.noise if found.pays else 1 / found.noise))
         self.done, self.size = 0, 1
         self.seconds, self.samples, self.rays = 0.0, 0, 0
-        self._clear()
 
     def add(
         self, stage: Stage, spp: int, threads: int, tick: Any, began: float

@@ -527,11 +527,10 @@ class Session:
             return True
         if drawing.failed:
             return False
-        return (
-            not drawing.whole
-            or drawing.done == 0
-            or (not (self._paused or self._resting) and drawing.done < self._spp)
-        )
+        if not drawing.seen:
+            return True
+        due = drawing.done < self._spp or not drawing.looked or drawing.withheld
+        return due and not (self._paused or self._resting)
 
     def _fail(self, error: ParhelionError) -> None:
         request = self._request if self._drawing is None else self._drawing.request
@@ -551,13 +550,13 @@ class Session:
         if drawing.film is None:
             drawing.begin(self._stage)
         elsewhere = self._cluster is not None and drawing.whole and drawing.done > 0
-        if drawing.worth_a_look(at_once=elsewhere):
-            self._look(drawing)
+        if drawing.worth_a_look(at_once=elsewhere or drawing.done >= self._spp):
+            self._find_out(drawing)
             return
         if elsewhere:
             self._step_elsewhere(drawing)
             return
-        first, whole = drawing.first, drawing.done > 0
+        first, seen = drawing.first, drawing.seen
         end = began + (LATE_SECONDS if first else LATE_PASS)
 
         def tick(_samples: int, _rays: int) -> bool:
@@ -567,7 +566,7 @@ class Session:
             late = time.perf_counter() > end
             if first:  # what is asked for next does not stop it: a moving camera would show nothing
                 return late and (other or not drawing.coarsest)
-            return other or (whole and (late or self._paused or self._resting))
+            return other or (seen and (late or self._paused or self._resting))
 
         last = min(drawing.done + drawing.size, max(self._spp, 1))
         seconds, samples, complete = drawing.add(self._stage, last, self._threads, tick, began)
@@ -580,22 +579,27 @@ class Session:
         if not complete:
             if first:  # too much for the time: coarser
                 self._drawing = None
-            elif whole and self._request is request and not self._closing:
+            elif drawing.done > 0 and self._request is request and not self._closing:
                 self._publish(drawing)  # some of it has more samples
             return
         self._publish(drawing)
         if not drawing.whole:
             self._drawing = drawing.finer()
 
-    def _look(self, drawing: Drawing) -> None:
-        """Finds out whether pixels shall share their paths, unless something else is due."""
+    def _find_out(self, drawing: Drawing) -> None:
+        """Whether pixels shall share their paths, unless something else is due."""
         request = self._request
 
         def tick(_samples: int, _rays: int) -> bool:
             other = bool(self._jobs) or self._request is not request
             return self._closing or other or self._paused or self._resting
 
-        drawing.look(self._stage, Work(self._threads, 16, "dynamic", ""), tick)
+        try:
+            drawing.find_out(self._stage, Work(self._threads, 16, "dynamic", ""), tick)
+        except (MemoryError, ResourceError):
+            if drawing.film is None:
+                raise
+            drawing.looked = True  # it goes on as it is
         self._shared = drawing.shared
 
     def _step_elsewhere(self, drawing: Drawing) -> None:
@@ -654,7 +658,8 @@ class Session:
             tell(samples, rays)
 
     def _publish(self, drawing: Drawing) -> None:
-        if drawing.done < min(drawing.shown_from, self._spp):  # what is shown is better
+        drawing.withheld = drawing.done < min(drawing.shown_from, self._spp)
+        if drawing.withheld:
             return
         self._number += 1
         frame = drawing.frame(self._number, self._stage)
@@ -662,6 +667,7 @@ class Session:
             self._frame = frame
             if drawing.whole:
                 self._full = frame
+                drawing.seen = True
             self._condition.notify_all()
         if self._failure is not None:
             self._failure = None
