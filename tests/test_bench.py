@@ -324,14 +324,16 @@ def test_a_scene_that_cannot_be_measured_is_a_note():
 def test_overhead_is_the_whole_over_traversal(tmp_path: Path):
     output = tmp_path / "b.json"
     done = command(
-        *("-m", "bench", "--only", "overhead", "--scenes", "cloud-1e4", "--rounds", 1),
+        *("-m", "bench", "--only", "overhead", "--scenes", "cloud-1e4", "--rounds", 3),
         *("--width", 128, "--height", 72, "--spp", 8, "-o", output),
     )
     assert done.returncode == 0, done.stderr
     walks, whole = json.loads(output.read_text())["rows"]
-    assert whole["ratios"] == [whole["runs"][0] / walks["runs"][0]]
+    pairs = zip(whole["runs"], walks["runs"], strict=True)
+    assert whole["ratios"] == [seconds / traversal for seconds, traversal in pairs]
     assert whole["most_ratio"] == 1.6
-    assert 1.0 < whole["ratios"][0] < 20.0
+    # one of the few walks that are timed may wait for another program
+    assert 1.0 < max(whole["ratios"]) < 20.0
 
 
 def test_trees_on_all_threads_and_what_they_cost(tmp_path: Path):

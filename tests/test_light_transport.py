@@ -432,6 +432,8 @@ def test_lamps_seen_in_gloss_are_the_sum_of_each(kind: str, count: int) -> None:
 
     together, apart = runs(range(count)), sum(runs(range(i, i + 1)) for i in range(count))
     gap = together - apart
+    # where a camera's rays begin depends on the scene's bounds, by a rounding
+    gap[np.abs(gap) < 1e-5 * apart] = 0.0
     assert mean_p(gap, np.zeros(8)) > SIGNIFICANCE / 10  # of each row
     assert abs(gap.mean() / apart.mean()) < 0.01
 
