@@ -1,6 +1,7 @@
-// A scene that the C++ tests share: spheres at random, of every material.
+// What C++ tests of whole scenes share: spheres at random, of every material, and how they end.
 #pragma once
 #include <cmath>
+#include <cstdio>
 #include <string>
 #include <utility>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "../../host/render.h"
 #include "../../host/scene.h"
 #include "../../host/view.h"
+#include "check.h"
 
 namespace parhelion {
 
@@ -143,6 +145,13 @@ inline RenderView make_view(const Scene& scene, u32 width, u32 height, SamplerKi
                      {}};
   view.width = width, view.height = height;
   return view;
+}
+
+// What a program of tests returns in the end, without threads that sanitizers would take for lost.
+inline int finished(const char* name) {
+  release_threads();
+  std::printf("%s tests: %d failed\n", name, failures);
+  return failures == 0 ? 0 : 1;
 }
 
 }  // namespace parhelion

@@ -290,7 +290,5 @@ int main() {
   what_is_pulled_to_mirrors_is_as_bright();
   beckmann_slopes_follow_their_distribution();
   probes_run();
-  release_threads();
-  std::printf("material tests: %d failed\n", failures);
-  return failures == 0 ? 0 : 1;
+  return finished("material");
 }

@@ -390,7 +390,5 @@ int main() {
   bundles_meet_what_their_rays_meet();
   lines_stop_nothing();
   rays_of_users_meet_the_same_by_all_threads();
-  release_threads();
-  std::printf("ray tests: %d failed\n", failures);
-  return failures == 0 ? 0 : 1;
+  return finished("ray");
 }

@@ -437,7 +437,5 @@ int main() {
 #if defined(__linux__)
   threads_wake_apart_and_are_free_again();
 #endif
-  release_threads();
-  std::printf("render tests: %d failed\n", failures);
-  return failures == 0 ? 0 : 1;
+  return finished("render");
 }

@@ -213,7 +213,5 @@ int main() {
   several_threads_divide_as_one_does();
   trees_do_not_depend_on_threads();
   hard_cases_build();
-  release_threads();
-  std::printf("tree tests: %d failed\n", failures);
-  return failures == 0 ? 0 : 1;
+  return finished("tree");
 }
