@@ -47,7 +47,7 @@ def kernels() -> Iterator[tuple[str, int, Callable[[], Any]]]:
     import parhelion as ph
 
     from .gallery import lamp_mesh
-    from .rays import bounces, camera_rays, wavy_sphere
+    from .rays import camera_rays, onwards, wavy_sphere
 
     vertices, faces = wavy_sphere(1000)
     rng = np.random.default_rng(1)
@@ -59,7 +59,7 @@ def kernels() -> Iterator[tuple[str, int, Callable[[], Any]]]:
     }
     for name, shape in shapes.items():
         core = ph.prepare(ph.Scene([shape])).core
-        start, away = bounces(eyes, views, core.intersect(eyes, views)[0])
+        start, away = onwards(eyes, views, core.intersect(eyes, views)[0])["bounce"]
         o, d, far = start[:RAYS], away[:RAYS], np.full(RAYS, np.inf, np.float32)
         assert len(o) == RAYS, "too few of the camera's rays hit something"
         yield f"{name}, nearest hit", RAYS, lambda c=core, o=o, d=d: c.intersect(o, d, isa=ISA)

@@ -2,15 +2,16 @@
 
 Two kinds of made scenes, from a thousand primitives to a million, or ten with --long: a sphere with
 waves as triangles, and a box of random spheres. And the triangles of scenes as people make them,
-large beside small, which trees find harder. Three kinds of rays: a camera's, neighbours side by
-side; what bounces from there in all directions, for the nearest hit; and the same for any hit. All
-get them as arrays in one call, ours of distances alone, and once more by `ph.intersect` and
-`ph.occluded`, which tell and check what users want. Embree's triangles twice: as it is by default,
-and by its robust flag, which shall let no ray through between neighbours; how many get out of the
-closed meshes at their edges and corners is told, too. And how long the tree takes, from the arrays
-that `_core.Scene` gets to the first ray and until the tree is gone, on one core of the processor;
-and for ours the whole scene, as it is made in Python, with all checks and a look at how much memory
-there is.
+large beside small, which trees find harder. Four kinds of rays: a camera's, neighbours side by
+side; from where those hit, towards a sun, for any hit; what bounces from there in all directions,
+for the nearest hit; and the same for any hit. All get them as arrays in one call, ours of distances
+alone, and once more by `ph.intersect` and `ph.occluded`, which tell and check what users want.
+Embree's one ray at a time, and of those that lie close together by packets of sixteen, too; its
+triangles by default, and by its robust flag, which shall let no ray through between neighbours; how
+many get out of the closed meshes at their edges and corners is told, too. And how long the tree
+takes, from the arrays that `_core.Scene` gets to the first ray and until the tree is gone, on one
+core of the processor; and for ours the whole scene, as it is made in Python, with all checks and a
+look at how much memory there is.
 """
 
 from __future__ import annotations
@@ -32,9 +33,16 @@ SIDE = 512  # rays of a picture's side
 SHAPES = ("triangles", "spheres")
 SCENES = ("helmet", "sponza", "classroom", "coffee")  # of the gallery
 BUILDS = ("tree", "scene")
-RAYS = ("camera", "bounce", "any hit")
+RAYS = ("camera", "shadow", "bounce", "any hit")
+ANY = ("shadow", "any hit")  # of RAYS: whether anything is hit, or else what is the nearest
+SUN = np.float32([0.36, 0.8, 0.48])
+CLOSE = ("camera", "shadow")  # of RAYS: neighbours go nearly the same way
 OURS, PUBLIC, EMBREE, ROBUST = "parhelion", "parhelion public", "embreex", "embreex robust"
-PROGRAMS = {"triangles": (OURS, PUBLIC, EMBREE, ROBUST), "spheres": (OURS, PUBLIC, EMBREE)}
+PACKETS = "packets"
+PROGRAMS = {
+    "triangles": (OURS, PUBLIC, EMBREE, ROBUST, f"{EMBREE} {PACKETS}", f"{ROBUST} {PACKETS}"),
+    "spheres": (OURS, PUBLIC, EMBREE, f"{EMBREE} {PACKETS}"),
+}
 SAME = 1e-3  # of the hits, by which programs may differ
 AMIDST = (0.01, 0.02, -0.03)  # of the closed meshes; off their axes, for rays of all kinds
 MOST = {"triangles": 1.0, "spheres": 1 / 1.5}  # Embree's rays a second over ours, as asked
@@ -84,7 +92,7 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
                 notes.add(f"{name} was not measured with {what}: {problem}")
         kinds = (*BUILDS, *RAYS)
         speed: dict[tuple[str, str], list[float]] = {
-            (k, name): [] for k in kinds for name in workers if k in RAYS or name != PUBLIC
+            (k, name): [] for k in kinds for name in workers if _measured(k, name)
         }
         for turn in range(plan.rounds + 1):
             for kind in kinds:
@@ -100,7 +108,11 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
                             else answer["seconds"]
                         )
         if closed:
-            lost = {name: worker.ask({"rays": "edges"}) for name, worker in workers.items()}
+            lost = {
+                name: worker.ask({"rays": "edges"})
+                for name, worker in workers.items()
+                if PACKETS not in name
+            }
     finally:
         for worker in workers.values():
             worker.close()
@@ -116,7 +128,7 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
                 if abs(theirs - ours) > SAME * max(theirs, ours):
                     notes.add(f"{what}, {kind}: {name} has {theirs} hits, not {ours}")
             row = replace(row, against=OURS, ratios=pairs)
-            if more and name != PUBLIC:
+            if more and name in (EMBREE, ROBUST):
                 row = replace(row, most_ratio=MOST[shape])
             elif kind == "tree":
                 row = replace(row, least_ratio=1.0)
@@ -128,6 +140,13 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
             row = Row(f"{what}, lost at edges", name, "%", [100.0 * share] * plan.rounds)
             rows.append(replace(row, most=0.0) if name == OURS else row)
     return rows
+
+
+def _measured(kind: str, program: str) -> bool:
+    """Whether that kind is asked of a program."""
+    if kind in BUILDS:
+        return program != PUBLIC and PACKETS not in program
+    return kind in CLOSE or PACKETS not in program
 
 
 def write(path: Path, shape: str, count: int) -> None:
@@ -220,15 +239,17 @@ def at_edges(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nd
     return np.tile(np.float32(AMIDST), (len(directions), 1)), directions.astype(np.float32)
 
 
-def bounces(
+def onwards(
     origins: np.ndarray, directions: np.ndarray, distances: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rays from where those hit, a little before the surface, in random directions."""
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Of RAYS those from where the camera's hit, a little before the surface."""
     hit = np.isfinite(distances) & (distances < 1e30)
-    rng = np.random.default_rng(2)
     there = origins[hit] + directions[hit] * (distances[hit, None] * np.float32(0.9999))
+    there = there.astype(np.float32)
+    rng = np.random.default_rng(2)
     away = rng.normal(size=origins.shape)[hit]  # the same whoever misses one
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     # half of all are turned back to the side that they come from
     away = np.where(np.einsum("ij,ij->i", away, directions[hit])[:, None] > 0, -away, away)
-    return there.astype(np.float32), away.astype(np.float32)
+    bounce = there, away.astype(np.float32)
+    return {"shadow": (there, np.tile(SUN, (len(there), 1))), "bounce": bounce, "any hit": bounce}

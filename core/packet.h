@@ -1,9 +1,9 @@
-// The nearest hits of sixteen rays that lie close together, such as those of a pixel. Each node is
-// tested once for all of them, by bounds of what any of them meets, down to what is narrow beside
-// all of them: each ray goes there by itself. Of a leaf of spheres or triangles those that any may
-// meet are found at once, and each is tested against all rays; the box of another is tested once
-// for the sixteen, and its primitives by each that meets that box. What is found is what each ray
-// finds by itself.
+// The nearest hits of sixteen rays that lie close together, such as those of a pixel, or whether
+// they meet anything. Each node is tested once for all of them, by bounds of what any of them
+// meets, down to what is narrow beside all of them: each ray goes there by itself. Of a leaf of
+// spheres or triangles those that any may meet are found at once, and each is tested against all
+// rays; the box of another is tested once for the sixteen, and its primitives by each that meets
+// that box. What is found is what each ray finds by itself.
 #pragma once
 #include "ray_batch.h"
 
@@ -30,10 +30,20 @@ PH_INLINE int common_axis(const Rows<Vec3, kBatch>& direction, u32 lanes) {
   return (lanes & ~equal(first, axis)) == 0 ? static_cast<int>(first) : -1;
 }
 
+// Whether each component of some lanes' directions is below 0 in all of them or in none.
+PH_INLINE bool same_signs(const Rows<Vec3, kBatch>& direction, u32 lanes) {
+  for (u32 axis = 0; axis < 3; ++axis) {
+    const u32 below = bits(load(direction.row[axis]) < all(0.0f)) & lanes;
+    if (below != 0 && below != lanes) return false;
+  }
+  return true;
+}
+
 // False where there are none, as directions differ in sign, have a 0 or run fastest along other
 // axes, or something is no number.
 PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBatch>& direction,
                          u32 lanes, Bundle& b) {
+  if (!same_signs(direction, lanes)) return false;
   u32 numbers = 0;
   for (u32 k = 0; k < kBatch; ++k)
     numbers |= (is_number(origin.at(k), direction.at(k)) ? 1u : 0u) << k;
@@ -88,9 +98,18 @@ struct NearestHits {
   }
 };
 
+// lanes: those that take part; met: of these, where any hit will do, those that have one. All
+// others have 0 as their best's t. self and inward: as in Ray.
 struct Packet {
-  Rows<Vec3, kBatch> origin, direction, inverse;
+  Rows<Vec3, kBatch> origin, direction;
+  SlabRows slabs;
   NearestHits best;
+  SlotRows<kBatch> self;
+  u32 lanes, met, inward;
+
+  PH_INLINE Ray ray(u32 k) const {
+    return {origin.at(k), direction.at(k), self.at(k), (inward >> k & 1u) != 0};
+  }
 };
 
 // Bit k: ray k meets the box of a node's child before its own limit.
@@ -99,15 +118,29 @@ PH_INLINE u32 test_box_for_each(const Node& node, u32 child, const Packet& rays,
   Lanes first = all(0.0f), last = load(rays.best.t);
   for (u32 axis = 0; axis < 3; ++axis) {
     const float low = node.low[axis][child], high = node.high[axis][child];
-    const Lanes o = load(rays.origin.row[axis]), inverse = load(rays.inverse.row[axis]);
+    const Lanes o = load(rays.origin.row[axis]), inverse = load(rays.slabs.inverse.row[axis]);
     first = max((all(bundle.sign[axis] ? high : low) - o) * inverse, first);
     last = min((all(bundle.sign[axis] ? low : high) - o) * inverse, last);
   }
   return bits(first <= last * all(kSlabSlack));
 }
 
-// One primitive against all rays. along: as in Bundle.
-template <class Shape>
+// What ray k finds by itself: test(ray, best) does as test_block.
+template <bool kAny, class Test>
+PH_INLINE void ask_alone(Packet& rays, u32 k, Test&& test) {
+  NearestHit best = rays.best.at(k);
+  const bool any = test(rays.ray(k), best);
+  if constexpr (!kAny) {
+    rays.best.set(k, best);
+  } else if (any) {
+    rays.best.t[k] = 0.0f;
+    rays.met |= 1u << k;
+  }
+}
+
+// One primitive against all rays, none of which starts on it or else has 0 as its best's t.
+// along: as in Bundle.
+template <bool kAny, class Shape>
 PH_APART inline void test_primitive(const Shape& shape, Child leaf, u32 lane, u32 id, int along,
                                     const Rows<Vec3, kBatch>& __restrict origin,
                                     const Rows<Vec3, kBatch>& __restrict direction,
@@ -116,45 +149,65 @@ PH_APART inline void test_primitive(const Shape& shape, Child leaf, u32 lane, u3
   if (!intersect_rays(shape, origin, direction, along, best.t, distance)) return;
   for (u32 k = 0; k < kBatch; ++k) {
     const float t = distance[k];
-    const bool first = (best.slot.instance[k] != kNone) | (id < best.id[k]);
-    const bool nearer = (0.0f < t) & ((t < best.t[k]) | ((t == best.t[k]) & first));
-    best.t[k] = nearer ? t : best.t[k];
-    best.id[k] = nearer ? id : best.id[k];
-    best.slot.leaf[k] = nearer ? leaf : best.slot.leaf[k];
-    best.slot.lane[k] = nearer ? lane : best.slot.lane[k];
-    best.slot.instance[k] = nearer ? kNone : best.slot.instance[k];
+    if constexpr (kAny) {
+      const bool hit = (0.0f < t) & (t <= best.t[k]);
+      best.t[k] = hit ? 0.0f : best.t[k];
+    } else {
+      const bool first = (best.slot.instance[k] != kNone) | (id < best.id[k]);
+      const bool nearer = (0.0f < t) & ((t < best.t[k]) | ((t == best.t[k]) & first));
+      best.t[k] = nearer ? t : best.t[k];
+      best.id[k] = nearer ? id : best.id[k];
+      best.slot.leaf[k] = nearer ? leaf : best.slot.leaf[k];
+      best.slot.lane[k] = nearer ? lane : best.slot.lane[k];
+      best.slot.instance[k] = nearer ? kNone : best.slot.instance[k];
+    }
   }
 }
 
-// Of a block's primitives those that any ray may meet, each against all rays.
-template <class Block>
+// Of a block's primitives those that any ray may meet, each against all rays. What starts on one of
+// them tests the block by itself.
+template <bool kAny, class Block>
 PH_APART inline void test_block_together(const Block& block, Child leaf, const Bundle& bundle,
                                          float limit, Packet& rays) {
+  const u32 start = equal(leaf, rays.self.leaf) & rays.lanes & ~rays.met;
+  float own[kBatch];
+  for_each_bit(start, [&](u32 k) {
+    ask_alone<kAny>(rays, k, [&](const Ray& ray, NearestHit& best) {
+      return test_block<kAny>(block, leaf, ray, best);
+    });
+    own[k] = rays.best.t[k];
+    rays.best.t[k] = 0.0f;
+  });
   for_each_bit(intersect_bundle(block, bundle, limit), [&](u32 i) {
-    test_primitive(primitive(block, i), leaf, i, block.id[i], bundle.along, rays.origin,
-                   rays.direction, rays.best);
+    test_primitive<kAny>(primitive(block, i), leaf, i, block.id[i], bundle.along, rays.origin,
+                         rays.direction, rays.best);
   });
+  for_each_bit(start, [&](u32 k) { rays.best.t[k] = own[k]; });
+  if constexpr (kAny) rays.met = rays.lanes & ~bits(all(0.0f) < load(rays.best.t));
 }
 
-// What lies below a node's child, by each of the rays of some lanes that meets its box.
-template <class Test>
-PH_INLINE void test_alone(const Node& node, u32 lane, const Bundle& bundle, u32 lanes, Packet& rays,
+// What lies below a node's child, by each ray that meets its box: test(k, ray, best) for ray k.
+template <bool kAny, class Test>
+PH_INLINE void test_alone(const Node& node, u32 lane, const Bundle& bundle, Packet& rays,
                           Test&& test) {
-  for_each_bit(test_box_for_each(node, lane, rays, bundle) & lanes, [&](u32 k) {
-    NearestHit best = rays.best.at(k);
-    test(Ray{rays.origin.at(k), rays.direction.at(k), kNoSlot, false}, best);
-    rays.best.set(k, best);
+  for_each_bit(test_box_for_each(node, lane, rays, bundle) & rays.lanes & ~rays.met, [&](u32 k) {
+    ask_alone<kAny>(rays, k, [&](const Ray& ray, NearestHit& best) { return test(k, ray, best); });
   });
 }
+template <bool kAny>
 PH_APART inline void walk_alone(const SceneView& scene, const Node& node, u32 lane,
-                                const Bundle& bundle, u32 lanes, Packet& rays) {
-  test_alone(node, lane, bundle, lanes, rays, [&](const Ray& ray, NearestHit& best) {
-    walk_tree<false, false>(scene, node.child[lane], ray, best);
+                                const Bundle& bundle, Packet& rays) {
+  test_alone<kAny>(node, lane, bundle, rays, [&](u32 k, const Ray& ray, NearestHit& best) {
+    Stack::Room room;
+    Stack stack(room);
+    const Slabs slabs = rays.slabs.at(k, ray.origin);
+    return walk_on<kAny, false>(scene, node.child[lane], stack, slabs, ray, best);
   });
 }
 
-// What is not as wide as so many half widths of a bundle is narrow.
-inline constexpr float kNarrow = 4.0f;
+// What is not as wide as so many half widths of a bundle is narrow: a leaf, and a node, whose
+// children are narrower.
+inline constexpr float kNarrowLeaf = 4.0f, kNarrowNode = 8.0f;
 
 // Whether a node's child is so narrow beside the bundle, where its box begins, that rays which meet
 // it have little in common below it: then a bundle would test for all of them what few meet, as
@@ -163,20 +216,36 @@ PH_INLINE bool is_narrow(const Node& node, u32 lane, const Bundle& bundle, float
   const float x = node.high[0][lane] - node.low[0][lane];
   const float y = node.high[1][lane] - node.low[1][lane];
   const float z = node.high[2][lane] - node.low[2][lane];
-  return max(x, max(y, z)) < kNarrow * (bundle.radius + near * bundle.spread);
+  const float narrow = (node.child[lane] & kLeafBit) != 0 ? kNarrowLeaf : kNarrowNode;
+  return max(x, max(y, z)) < narrow * (bundle.radius + near * bundle.spread);
+}
+
+// Whether all of a node's children are that any ray may meet.
+PH_INLINE bool all_narrow(const Node& node, const Bundle& bundle) {
+  alignas(64) float near[16];
+  Lanes first;
+  u32 wide = 0;
+  const u32 hits = test_boxes(node, bundle, kInfinity, first);
+  store(near, first);
+  for_each_bit(hits,
+               [&](u32 lane) { wide |= is_narrow(node, lane, bundle, near[lane]) ? 0u : 1u; });
+  return wide == 0;
 }
 
 // A leaf, which is a node's child, and all rays: where a shape can tell which of its primitives any
 // of them may meet before `limit`, those one by one; else ray by ray.
+template <bool kAny>
 PH_INLINE void test_leaf_together(const SceneView& scene, const Node& node, u32 lane,
-                                  const Bundle& bundle, float limit, u32 lanes, Packet& rays) {
+                                  const Bundle& bundle, float limit, Packet& rays) {
   const Child leaf = node.child[lane];
-  const auto each = [&](auto&& test) { test_alone(node, lane, bundle, lanes, rays, test); };
+  const auto each = [&](auto&& test) { test_alone<kAny>(node, lane, bundle, rays, test); };
   const auto block = [&](const auto& own) {
     if constexpr (requires { intersect_bundle(own, bundle, limit); }) {
-      test_block_together(own, leaf, bundle, limit, rays);
+      test_block_together<kAny>(own, leaf, bundle, limit, rays);
     } else {
-      each([&](const Ray& ray, NearestHit& best) { test_block<false>(own, leaf, ray, best); });
+      each([&](u32, const Ray& ray, NearestHit& best) {
+        return test_block<kAny>(own, leaf, ray, best);
+      });
     }
   };
   const u32 index = leaf & kLeafIndexMask;
@@ -186,22 +255,22 @@ PH_INLINE void test_leaf_together(const SceneView& scene, const Node& node, u32 
 #include "shapes.def"
 #undef SHAPE
     case ShapeKind::instance:
-      return each([&](const Ray& ray, NearestHit& best) {
-        test_instance<false>(scene, index, ray, true, best);
+      return each([&](u32, const Ray& ray, NearestHit& best) {
+        return test_instance<kAny>(scene, index, ray, true, best);
       });
   }
   compiler::unreachable();
 }
 
 // From an inner node on.
-inline void walk_together(const SceneView& scene, Child root, u32 lanes, const Bundle& bundle,
-                          Packet& rays) {
+template <bool kAny>
+inline void walk_together(const SceneView& scene, Child root, const Bundle& bundle, Packet& rays) {
   // An entry is a node's index times sixteen and the child's lane there, since the child's box is
   // looked at once more, and in the upper half the bits of its distance.
   u64 stack[kStackSize];
   u64* top = stack;
   Child inner = root;
-  float limit = kInfinity;
+  float limit = most(rays.best.t);
   for (;;) {
     alignas(64) float near[16];
     u64* const start = top;
@@ -209,21 +278,23 @@ inline void walk_together(const SceneView& scene, Child root, u32 lanes, const B
     const u32 hits = test_boxes(scene.nodes[inner], bundle, limit, first);
     store(near, first);
     for_each_bit(hits, [&](u32 lane) {
-      // Insertion sort on top of the stack, farthest first.
       const u64 e = static_cast<u64>(__builtin_bit_cast(u32, near[lane])) << 32 | inner << 4 | lane;
       u64* place = top++;
-      for (; place != start && place[-1] < e; --place) *place = place[-1];
+      // Insertion sort, farthest first. Where any hit will do the nearest is as good as another.
+      if constexpr (!kAny) {
+        for (; place != start && place[-1] < e; --place) *place = place[-1];
+      }
       *place = e;
     });
     for (;;) {
-      if (top == stack) return;
+      if (top == stack || (kAny && rays.lanes == rays.met)) return;
       const u64 e = *--top;
       const float entered = __builtin_bit_cast(float, static_cast<u32>(e >> 32));
       if (!(entered <= limit * kSlabSlack)) continue;
       const Node& node = scene.nodes[static_cast<u32>(e) >> 4];
       const u32 lane = static_cast<u32>(e) & 15u;
       if (is_narrow(node, lane, bundle, entered)) {
-        walk_alone(scene, node, lane, bundle, lanes, rays);
+        walk_alone<kAny>(scene, node, lane, bundle, rays);
         limit = most(rays.best.t);
         continue;
       }
@@ -232,42 +303,52 @@ inline void walk_together(const SceneView& scene, Child root, u32 lanes, const B
         inner = child;
         break;
       }
-      test_leaf_together(scene, node, lane, bundle, limit, lanes, rays);
+      test_leaf_together<kAny>(scene, node, lane, bundle, limit, rays);
       limit = most(rays.best.t);
     }
   }
 }
 
-PH_APART inline void begin_packet(const Rows<Vec3, kBatch>& __restrict direction, u32 lanes,
-                                  Rows<Vec3, kBatch>& __restrict inverse,
-                                  NearestHits& __restrict best) {
+// The nearest hits of a packet's rays before their limits, in `best`, whose slots' leaf is kNone
+// where nothing is met; or, in `met`, which rays meet anything. Origins, directions and what rays
+// start on are given. False, and nothing is told, where they are no bundle, or one that is too wide
+// for the scene.
+template <bool kAny>
+inline bool walk_close(const SceneView& scene, u32 lanes, const float (&limit)[kBatch],
+                       Packet& rays) {
+  rays.lanes = lanes & bits(all(0.0f) < load(limit));
+  Bundle bundle;
+  if (rays.lanes == 0 || (scene.root & kLeafBit) != 0) return false;
+  if (!bundle_of(rays.origin, rays.direction, rays.lanes, bundle)) return false;
+  if (all_narrow(scene.nodes[scene.root], bundle)) return false;
+  find_slabs(rays.direction, rays.slabs);
+  rays.met = 0;
   for (u32 k = 0; k < kBatch; ++k) {
-    const Vec3 d = direction.at(k);
-    inverse.set(k, Vec3{1.0f / d.x, 1.0f / d.y, 1.0f / d.z});
-    best.t[k] = (lanes >> k & 1u) != 0 ? kInfinity : 0.0f;
-    best.id[k] = kNone;
-    best.slot.set(k, kNoSlot);
+    rays.best.t[k] = (rays.lanes >> k & 1u) != 0 ? limit[k] : 0.0f;
+    rays.best.id[k] = kNone;
+    rays.best.slot.set(k, kNoSlot);
   }
+  walk_together<kAny>(scene, scene.root, bundle, rays);
+  return true;
 }
 
-// Hits of the rays of some lanes; of those that meet nothing the slot's leaf is kNone.
+// The nearest hits of rays of some lanes, which start on nothing, bundle or not; of those that meet
+// nothing the slot's leaf is kNone.
 inline void intersect_close(const SceneView& scene, const Rows<Vec3, kBatch>& origin,
                             const Rows<Vec3, kBatch>& direction, u32 lanes, float (&t)[kBatch],
                             SlotRows<kBatch>& slot) {
-  Bundle bundle;
-  const bool bounded =
-      lanes != 0 && (scene.root & kLeafBit) == 0 && bundle_of(origin, direction, lanes, bundle);
-  if (!bounded) {
-    const auto ray_at = [&](u32 k) -> Ray {
-      return {origin.at(k), direction.at(k), kNoSlot, false};
-    };
-    intersect_each(scene, direction, lanes, ray_at, true, t, slot);
-    return;
-  }
   Packet rays;
   rays.origin = origin, rays.direction = direction;
-  begin_packet(direction, lanes, rays.inverse, rays.best);
-  walk_together(scene, scene.root, lanes, bundle, rays);
+  rays.inward = 0;
+  float limit[kBatch];
+  for (u32 k = 0; k < kBatch; ++k) {
+    rays.self.set(k, kNoSlot);
+    limit[k] = kInfinity;
+  }
+  if (!walk_close<false>(scene, lanes, limit, rays)) {
+    const auto ray_at = [&](u32 k) { return rays.ray(k); };
+    return intersect_each(scene, direction, lanes, ray_at, limit, true, t, slot);
+  }
   compiler::copy(t, rays.best.t, sizeof(t));
   slot = rays.best.slot;
 }

@@ -99,9 +99,40 @@ void for_each_batch(const Ray* rays, const float* limit, u64 n, F&& f) {
   }
 }
 
+// Of rays that begin farther from each other along any axis, of which a scene is as wide as 2, few
+// boxes are met by all.
+constexpr float kFarApart = 0.125f;
+
+// Sixteen of many rays, which may be those of a picture: then they lie close together, and what
+// they meet is found for all at once. False where it is not.
+template <bool kAny>
+bool asked_together(const SceneView& scene, const Ray* rays, u32 lanes,
+                    const Rows<Vec3, kBatch>& direction, const float (&limit)[kBatch],
+                    Packet& packet) {
+  if (!same_signs(direction, lanes)) return false;
+  packet.inward = 0;
+  const u32 last = compiler::ones(lanes) - 1;
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Ray& ray = rays[k < last ? k : last];
+    const Vec3 away = ray.origin - rays[0].origin;
+    if (!(max(abs(away.x), max(abs(away.y), abs(away.z))) <= kFarApart)) return false;
+    packet.origin.set(k, ray.origin);
+    packet.self.set(k, ray.self);
+    packet.inward |= (ray.inward ? 1u : 0u) << k;
+  }
+  packet.direction = direction;
+  return walk_close<kAny>(scene, lanes, limit, packet);
+}
+
 void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
                    Hit* hits) {
   for_each_batch(rays, limit, n, [&](u64 first, u32 lanes, const auto& direction, auto& most) {
+    Packet packet;
+    if (tree && asked_together<false>(scene, rays + first, lanes, direction, most, packet)) {
+      const NearestHits& best = packet.best;
+      for_each_bit(lanes, [&](u32 k) { hits[first + k] = {best.t[k], best.slot.at(k)}; });
+      return;
+    }
     float t[kBatch];
     SlotRows<kBatch> slot;
     intersect_each(
@@ -113,9 +144,14 @@ void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, 
 void occluded_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
                   u8* result) {
   for_each_batch(rays, limit, n, [&](u64 first, u32 lanes, const auto& direction, auto& most) {
-    const u32 any = occluded_each(
-        scene, direction, lanes, [&](u32 k) { return rays[first + k]; }, most,
-        [](u32) { return kNoSlot; }, tree);
+    Packet packet;
+    const auto ray_at = [&](u32 k) { return rays[first + k]; };
+    const bool together =
+        tree && asked_together<true>(scene, rays + first, lanes, direction, most, packet);
+    const u32 any =
+        together ? packet.met
+                 : occluded_each(
+                       scene, direction, lanes, ray_at, most, [](u32) { return kNoSlot; }, tree);
     for_each_bit(lanes, [&](u32 k) { result[first + k] = (any >> k & 1u) != 0; });
   });
 }

@@ -189,6 +189,46 @@ def test_any_number_of_threads_and_all_instruction_sets_answer_alike() -> None:
     assert 0.2 < np.mean(first.hit) < 0.8
 
 
+def test_neighbours_in_a_picture_meet_what_each_meets() -> None:
+    """Rays in a picture's order go through the tree together, mixed ones by themselves."""
+    rng = RNG(4)
+
+    def box(n: int) -> np.ndarray:
+        return rng.uniform(-9, 9, (n, 3))
+
+    small = [ph.Spheres(box(3000), rng.uniform(0.02, 0.3, 3000)), globe(9)]
+    places = np.tile(np.diag([0.1, 0.1, 0.1, 1.0]), (50, 1, 1))
+    places[:, :3, 3] = box(50)
+    strand = ph.Curves(2.0 * np.cumsum(rng.normal(size=(40, 3)), axis=0), 0.3)
+    tubes = ph.Cylinders(box(50), box(50), 0.2)
+    across = rng.normal(size=(50, 3))
+    plates = ph.Disks(box(50), across, np.cross(across, box(50)) / 9)
+    copies = ph.Instances(small, places)
+    scene = ph.prepare(ph.Scene([*small, strand, tubes, plates, copies]))
+    x, y = np.meshgrid(np.linspace(-0.9, 0.9, 160), np.linspace(-0.7, 0.7, 120))
+    towards = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -1.0)])
+    mixed = rng.permutation(len(towards))
+    eyes = np.tile((1.0, 2.0, 30.0), (len(towards), 1))
+    limits = rng.uniform(0.0, 60.0, len(towards))
+    limits[::7], limits[5::11] = np.inf, 0.0
+    for isa in _core.instruction_sets():
+        first = ph.intersect(scene, eyes, towards, limits, isa=isa)
+        met = np.unique(first.shape[first.hit])
+        assert len(met) == len(first.shape_names) - 1  # all but the shape of copies itself
+        on = first[first.hit]
+        sun = np.tile((0.3, 0.8, 0.52), (len(on), 1))
+        for origins, way in ((eyes, towards), (on, towards[first.hit]), (on, sun)):
+            n = len(origins)
+            own = mixed[mixed < n]
+            hits = ph.intersect(scene, origins, way, limits[:n], isa=isa)
+            alone = ph.intersect(scene, origins[own], way[own], limits[own], isa=isa)
+            for column in ("distance", "shape", "primitive", "instances", "copy", "position"):
+                np.testing.assert_array_equal(getattr(hits, column)[own], getattr(alone, column))
+            hidden = ph.occluded(scene, origins, way, limits[:n], isa=isa)
+            np.testing.assert_array_equal(hidden, hits.hit)
+            assert 0.05 < hidden.mean() < 0.95
+
+
 def test_limits_are_kept_from_any_distance() -> None:
     """What is met at a limit, as a number of double's, is met; nothing farther is told."""
     scene = ph.prepare(ph.Scene([globe(20), ph.Spheres([(0, 0, 3)], 0.5)]))

@@ -22,7 +22,25 @@ struct alignas(16) RTCRayHit {
   unsigned primitive, geometry, instance[27];
 };
 
+// Sixteen of them, by component.
+struct alignas(64) RTCRay16 {
+  float origin[3][16], near[16], direction[3][16], time[16], far[16];
+  unsigned mask[16], id[16], flags[16];
+};
+struct RTCRayHit16 {
+  RTCRay16 ray;
+  float normal[3][16], u[16], v[16];
+  unsigned primitive[16], geometry[16], instance[27][16];
+};
+// And longer than any version has it.
+struct RTCArguments {
+  int flags;
+  unsigned features;
+  void* more[8];
+};
+
 static_assert(sizeof(RTCRay) == 48 && offsetof(RTCRayHit, geometry) == 72);
+static_assert(sizeof(RTCRay16) == 768 && offsetof(RTCRayHit16, geometry) == 1152);
 
 void* rtcNewDevice(const char* config);
 void* rtcNewScene(void* device);
@@ -37,6 +55,8 @@ void rtcCommitScene(void* scene);
 void rtcReleaseScene(void* scene);
 void rtcIntersect1(void* scene, RTCRayHit* ray, void* arguments);
 void rtcOccluded1(void* scene, RTCRay* ray, void* arguments);
+void rtcIntersect16(const int* valid, void* scene, RTCRayHit16* rays, RTCArguments* arguments);
+void rtcOccluded16(const int* valid, void* scene, RTCRay16* rays, RTCArguments* arguments);
 
 }  // extern "C"
 
@@ -46,6 +66,7 @@ constexpr int kTriangles = 0, kSpheres = 50;                             // RTCG
 constexpr int kIndices = 0, kVertices = 1;                               // RTCBufferType
 constexpr int kThreeUnsigned = 0x5003, kThree = 0x9003, kFour = 0x9004;  // RTCFormat
 constexpr int kRobust = 4;                                               // RTCSceneFlags
+constexpr int kCoherent = 1 << 16;                                       // RTCRayQueryFlags
 
 // Denormal numbers count as 0, as Embree's manual recommends.
 class FlushDenormals {
@@ -66,6 +87,27 @@ RTCRay ray_of(const float* origin, const float* direction) {
   ray.far = INFINITY;
   ray.mask = ~0u;
   return ray;
+}
+
+// Calls f(first, count, valid, rays) for each sixteen of many rays, of which `count` are there.
+template <class F>
+void for_each_packet(const float* origins, const float* directions, std::size_t n, F&& f) {
+  for (std::size_t first = 0; first < n; first += 16) {
+    const std::size_t count = n - first < 16 ? n - first : 16;
+    alignas(64) int valid[16];
+    RTCRay16 rays = {};
+    for (std::size_t k = 0; k < 16; ++k) {
+      const std::size_t i = first + (k < count ? k : 0);
+      valid[k] = k < count ? -1 : 0;
+      for (int axis = 0; axis < 3; ++axis) {
+        rays.origin[axis][k] = origins[3 * i + axis];
+        rays.direction[axis][k] = directions[3 * i + axis];
+      }
+      rays.far[k] = INFINITY;
+      rays.mask[k] = ~0u;
+    }
+    f(first, count, valid, rays);
+  }
 }
 
 void fill(void* geometry, int buffer, int format, const void* from, std::size_t stride,
@@ -135,6 +177,34 @@ void embree_any(void* scene, const float* origins, const float* directions, std:
     rtcOccluded1(scene, &ray, nullptr);
     hits[i] = ray.far < 0.0f;
   }
+}
+
+// The same by sixteen rays together, which lie close to each other.
+void embree_nearest16(void* scene, const float* origins, const float* directions, std::size_t count,
+                      float* distances) {
+  const FlushDenormals flush;
+  RTCArguments arguments = {kCoherent, ~0u, {}};
+  for_each_packet(origins, directions, count,
+                  [&](std::size_t first, std::size_t n, const int* valid, const RTCRay16& rays) {
+                    RTCRayHit16 hit;
+                    hit.ray = rays;
+                    std::memset(hit.geometry, -1, sizeof(hit.geometry));
+                    std::memset(hit.instance[0], -1, sizeof(hit.instance[0]));
+                    rtcIntersect16(valid, scene, &hit, &arguments);
+                    for (std::size_t k = 0; k < n; ++k) {
+                      distances[first + k] = hit.geometry[k] == ~0u ? INFINITY : hit.ray.far[k];
+                    }
+                  });
+}
+void embree_any16(void* scene, const float* origins, const float* directions, std::size_t count,
+                  unsigned char* hits) {
+  const FlushDenormals flush;
+  RTCArguments arguments = {kCoherent, ~0u, {}};
+  for_each_packet(origins, directions, count,
+                  [&](std::size_t first, std::size_t n, const int* valid, RTCRay16& rays) {
+                    rtcOccluded16(valid, scene, &rays, &arguments);
+                    for (std::size_t k = 0; k < n; ++k) hits[first + k] = rays.far[k] < 0.0f;
+                  });
 }
 
 }  // extern "C"

@@ -22,7 +22,7 @@ import parhelion as ph
 from parhelion import _core
 from parhelion.flatten import flatten
 
-from ..rays import EMBREE, OURS, PUBLIC, ROBUST, at_edges, bounces
+from ..rays import ANY, EMBREE, OURS, PACKETS, PUBLIC, ROBUST, at_edges, onwards
 from ..scenes import BenchError
 
 # Of origins and directions, (n, 3) each, and whether any hit will do: which rays hit, or how far,
@@ -38,9 +38,9 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
     known = getattr(import_module(package), "__version__", None) or version(package)
     program = PROGRAMS[job["program"]](scene)
     query = program.tree()
-    rays = {"camera": (scene["origins"], scene["directions"])}
+    camera = scene["origins"], scene["directions"]
     few = scene["origins"][:1], scene["directions"][:1]
-    rays["bounce"] = rays["any hit"] = bounces(*rays["camera"], query(*rays["camera"], False))
+    rays = {"camera": camera, **onwards(*camera, query(*camera, False))}
     builds = {"tree": program.tree, "scene": program.scene}
 
     def answer(request: dict[str, Any]) -> dict[str, Any]:
@@ -56,7 +56,7 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
             return {"rays": len(at[0]), "hits": int(np.isfinite(query(*at, False)).sum())}
         origins, directions = rays[kind]
         begin = time.process_time()  # of one thread; the wall clock also counts others
-        found = query(origins, directions, kind == "any hit")
+        found = query(origins, directions, kind in ANY)
         seconds = time.process_time() - begin
         hit = found if found.dtype == bool else np.isfinite(found)
         return {"seconds": seconds, "rays": len(origins), "hits": int(np.count_nonzero(hit))}
@@ -110,8 +110,12 @@ class _Public(_Ours):
 
 
 class _Embree:
-    def __init__(self, arrays: dict[str, Any], robust: bool = False) -> None:
+    def __init__(self, arrays: dict[str, Any], robust: bool = False, packets: bool = False) -> None:
         self.library, self.robust = _library(), robust
+        self.ask = [
+            getattr(self.library, f"embree_{name}{16 if packets else ''}")
+            for name in ("nearest", "any")
+        ]
         if "faces" in arrays:
             points, faces = arrays["vertices"], arrays["faces"].astype(np.uint32)
             self.make, self.of = self.library.embree_triangles, [points, faces]
@@ -126,8 +130,7 @@ class _Embree:
 
         def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> np.ndarray:
             found = np.empty(len(origins), bool if any_hit else np.float32)
-            ask = self.library.embree_any if any_hit else self.library.embree_nearest
-            ask(made, _at(origins), _at(directions), len(origins), _at(found))
+            self.ask[any_hit](made, _at(origins), _at(directions), len(origins), _at(found))
             return found
 
         weakref.finalize(query, self.library.embree_release, made)
@@ -166,6 +169,8 @@ def _library() -> ctypes.CDLL:
         ("release", None, [ctypes.c_void_p]),
         ("nearest", None, [ctypes.c_void_p, array, array, count, array]),
         ("any", None, [ctypes.c_void_p, array, array, count, array]),
+        ("nearest16", None, [ctypes.c_void_p, array, array, count, array]),
+        ("any16", None, [ctypes.c_void_p, array, array, count, array]),
     ):
         function = getattr(library, f"embree_{name}")
         function.restype, function.argtypes = result, arguments
@@ -177,4 +182,6 @@ PROGRAMS: dict[str, Any] = {
     PUBLIC: _Public,
     EMBREE: _Embree,
     ROBUST: partial(_Embree, robust=True),
+    f"{EMBREE} {PACKETS}": partial(_Embree, packets=True),
+    f"{ROBUST} {PACKETS}": partial(_Embree, robust=True, packets=True),
 }

@@ -82,7 +82,7 @@ void rays_meet_the_same_through_the_tree_and_without() {
 // such that signs differ, along axes too. And those that begin together and go their own ways.
 void rays_together_meet_what_each_meets() {
   using namespace baseline;
-  int behind = 0;
+  int behind = 0, onward = 0, stopped = 0;
   for (size_t n : {1, 17, 300, 20000}) {
     const Cloud cloud(n);
     // Through each sphere a triangle that reaches out of it, twice, of which the first counts.
@@ -134,6 +134,34 @@ void rays_together_meet_what_each_meets() {
           });
         }
       }
+      // From where these began or from what they met, up to limits of which some are 0.
+      Packet packet;
+      packet.inward = i * 0x9e3779b9u >> 8;
+      float far[kBatch];
+      for (u32 k = 0; k < kBatch; ++k) {
+        const bool is = (lanes >> k & 1u) != 0 && slot.leaf[k] != kNone;
+        const float way = i % 2 && is ? t[k] : 0.0f;
+        packet.origin.set(k, origin.at(k) + direction.at(k) * way);
+        packet.direction.set(k, direction.at(k));
+        packet.self.set(k, is ? slot.at(k) : kNoSlot);
+        far[k] = k % 5 == 4 ? 0.0f : k % 5 == 3 ? kInfinity : 0.3f * static_cast<float>(k % 5 + 1);
+      }
+      if (walk_close<false>(scene.view(), lanes, far, packet)) {
+        for_each_bit(lanes, [&](u32 k) {
+          Hit alone;
+          intersect(scene.view(), packet.ray(k), far[k], true, alone);
+          CHECK(packet.best.t[k] == alone.t && packet.best.slot.leaf[k] == alone.slot.leaf &&
+                packet.best.slot.lane[k] == alone.slot.lane &&
+                packet.best.slot.instance[k] == alone.slot.instance);
+          onward += alone.slot.leaf != kNone ? 1 : 0;
+        });
+        CHECK(walk_close<true>(scene.view(), lanes, far, packet));
+        for_each_bit(lanes, [&](u32 k) {
+          const bool any = occluded(scene.view(), packet.ray(k), far[k], kNoSlot, true);
+          CHECK((packet.met >> k & 1u) == (any ? 1u : 0u));
+          stopped += any ? 1 : 0;
+        });
+      }
       const auto ray_at = [&](u32 k) { return Ray{origin.at(k), direction.at(k), kNoSlot, false}; };
       intersect_each(scene.view(), direction, lanes, ray_at, true, t_apart, slot_apart);
       // And whether anything but the nearest is met before that, or not much farther away.
@@ -161,7 +189,7 @@ void rays_together_meet_what_each_meets() {
     CHECK(bounded > 150 && bounded < 390 && met > 400 && (n == 1 || flat > 100));
     CHECK(wide > 50 && (n < 300 || narrow > 50));
   }
-  CHECK(behind > 400);
+  CHECK(behind > 400 && onward > 400 && stopped == onward);
 }
 
 // Sixteen rays close to each other, as of a camera with a lens or without.
