@@ -27,7 +27,7 @@ from parhelion.atomic import replacing
 from parhelion.errors import ResourceError
 
 from .measure import ALONE, OURS, PEERS
-from .rays import EMBREE, ROBUST
+from .rays import EMBREE, PACKETS, RAYS, ROBUST
 from .scenes import GALLERY
 
 if TYPE_CHECKING:
@@ -101,19 +101,21 @@ def error(rows: Rows) -> Figure | None:
 
 def rays(rows: Rows) -> Figure | None:
     """By the kind of rays, triangles and spheres, ours and Embree's."""
-    kinds = ("camera", "bounce", "any hit")
-    what = rf"(\S+) (triangles|spheres), ({'|'.join(kinds)}): ({OURS}|{EMBREE}|{ROBUST})"
+    what = rf"(\S+) (triangles|spheres), ({'|'.join(RAYS)}): (.+)"
     speeds = found(rows, what)
     if not speeds:
         return None
-    figure, axes = grid(len(kinds), 3, 2.8)
-    for axis, kind in zip(axes, kinds, strict=True):
+    figure, axes = grid(len(RAYS), 2, 2.6)
+    for axis, kind in zip(axes, RAYS, strict=True):
         for program, shape, line in (
             (OURS, "triangles", "o-"),
             (OURS, "spheres", "s--"),
             (EMBREE, "triangles", "o-"),
             (ROBUST, "triangles", "o-"),
             (EMBREE, "spheres", "s--"),
+            (f"{EMBREE} {PACKETS}", "triangles", "o:"),
+            (f"{ROBUST} {PACKETS}", "triangles", "o:"),
+            (f"{EMBREE} {PACKETS}", "spheres", "s:"),
         ):
             points = sorted(
                 (float(key[0]), row["median"])
@@ -121,11 +123,12 @@ def rays(rows: Rows) -> Figure | None:
                 if key[1:] == (shape, kind, program)
             )
             if points:
-                label = f"{LABELS[program]}, {shape}"
-                axis.semilogx(*zip(*points, strict=True), line, color=COLORS[program], label=label)
+                own = program.removesuffix(f" {PACKETS}")
+                label = f"{LABELS[own]}{program.replace(own, '')}, {shape}"
+                axis.semilogx(*zip(*points, strict=True), line, color=COLORS[own], label=label)
         axis.set(title=kind, xlabel="primitives", ylim=(0, None))
-    axes[0].set_ylabel("M rays/s, one thread")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+        axis.set_ylabel("M rays/s, one thread")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
 
 

@@ -43,7 +43,6 @@ PH_INLINE bool same_signs(const Rows<Vec3, kBatch>& direction, u32 lanes) {
 // axes, or something is no number.
 PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBatch>& direction,
                          u32 lanes, Bundle& b) {
-  if (!same_signs(direction, lanes)) return false;
   u32 numbers = 0;
   for (u32 k = 0; k < kBatch; ++k)
     numbers |= (is_number(origin.at(k), direction.at(k)) ? 1u : 0u) << k;
@@ -125,11 +124,11 @@ PH_INLINE u32 test_box_for_each(const Node& node, u32 child, const Packet& rays,
   return bits(first <= last * all(kSlabSlack));
 }
 
-// What ray k finds by itself: test(ray, best) does as test_block.
+// What ray k finds by itself: test(k, ray, best) does as test_block.
 template <bool kAny, class Test>
 PH_INLINE void ask_alone(Packet& rays, u32 k, Test&& test) {
   NearestHit best = rays.best.at(k);
-  const bool any = test(rays.ray(k), best);
+  const bool any = test(k, rays.ray(k), best);
   if constexpr (!kAny) {
     rays.best.set(k, best);
   } else if (any) {
@@ -138,7 +137,7 @@ PH_INLINE void ask_alone(Packet& rays, u32 k, Test&& test) {
   }
 }
 
-// One primitive against all rays, none of which starts on it or else has 0 as its best's t.
+// One primitive against all rays; one that starts on it has 0 as its best's t.
 // along: as in Bundle.
 template <bool kAny, class Shape>
 PH_APART inline void test_primitive(const Shape& shape, Child leaf, u32 lane, u32 id, int along,
@@ -172,13 +171,14 @@ PH_APART inline void test_block_together(const Block& block, Child leaf, const B
   const u32 start = equal(leaf, rays.self.leaf) & rays.lanes & ~rays.met;
   float own[kBatch];
   for_each_bit(start, [&](u32 k) {
-    ask_alone<kAny>(rays, k, [&](const Ray& ray, NearestHit& best) {
+    ask_alone<kAny>(rays, k, [&](u32, const Ray& ray, NearestHit& best) {
       return test_block<kAny>(block, leaf, ray, best);
     });
     own[k] = rays.best.t[k];
     rays.best.t[k] = 0.0f;
   });
-  for_each_bit(intersect_bundle(block, bundle, limit), [&](u32 i) {
+  const bool others = (rays.lanes & ~rays.met & ~start) != 0;
+  for_each_bit(others ? intersect_bundle(block, bundle, limit) : 0, [&](u32 i) {
     test_primitive<kAny>(primitive(block, i), leaf, i, block.id[i], bundle.along, rays.origin,
                          rays.direction, rays.best);
   });
@@ -190,9 +190,8 @@ PH_APART inline void test_block_together(const Block& block, Child leaf, const B
 template <bool kAny, class Test>
 PH_INLINE void test_alone(const Node& node, u32 lane, const Bundle& bundle, Packet& rays,
                           Test&& test) {
-  for_each_bit(test_box_for_each(node, lane, rays, bundle) & rays.lanes & ~rays.met, [&](u32 k) {
-    ask_alone<kAny>(rays, k, [&](const Ray& ray, NearestHit& best) { return test(k, ray, best); });
-  });
+  for_each_bit(test_box_for_each(node, lane, rays, bundle) & rays.lanes & ~rays.met,
+               [&](u32 k) { ask_alone<kAny>(rays, k, test); });
 }
 template <bool kAny>
 PH_APART inline void walk_alone(const SceneView& scene, const Node& node, u32 lane,
@@ -218,18 +217,6 @@ PH_INLINE bool is_narrow(const Node& node, u32 lane, const Bundle& bundle, float
   const float z = node.high[2][lane] - node.low[2][lane];
   const float narrow = (node.child[lane] & kLeafBit) != 0 ? kNarrowLeaf : kNarrowNode;
   return max(x, max(y, z)) < narrow * (bundle.radius + near * bundle.spread);
-}
-
-// Whether all of a node's children are that any ray may meet.
-PH_INLINE bool all_narrow(const Node& node, const Bundle& bundle) {
-  alignas(64) float near[16];
-  Lanes first;
-  u32 wide = 0;
-  const u32 hits = test_boxes(node, bundle, kInfinity, first);
-  store(near, first);
-  for_each_bit(hits,
-               [&](u32 lane) { wide |= is_narrow(node, lane, bundle, near[lane]) ? 0u : 1u; });
-  return wide == 0;
 }
 
 // A leaf, which is a node's child, and all rays: where a shape can tell which of its primitives any
@@ -311,8 +298,8 @@ inline void walk_together(const SceneView& scene, Child root, const Bundle& bund
 
 // The nearest hits of a packet's rays before their limits, in `best`, whose slots' leaf is kNone
 // where nothing is met; or, in `met`, which rays meet anything. Origins, directions and what rays
-// start on are given. False, and nothing is told, where they are no bundle, or one that is too wide
-// for the scene.
+// start on are given. False, and nothing is told, where they are no bundle, none has a limit above
+// 0, or the root is no node.
 template <bool kAny>
 inline bool walk_close(const SceneView& scene, u32 lanes, const float (&limit)[kBatch],
                        Packet& rays) {
@@ -320,7 +307,6 @@ inline bool walk_close(const SceneView& scene, u32 lanes, const float (&limit)[k
   Bundle bundle;
   if (rays.lanes == 0 || (scene.root & kLeafBit) != 0) return false;
   if (!bundle_of(rays.origin, rays.direction, rays.lanes, bundle)) return false;
-  if (all_narrow(scene.nodes[scene.root], bundle)) return false;
   find_slabs(rays.direction, rays.slabs);
   rays.met = 0;
   for (u32 k = 0; k < kBatch; ++k) {

@@ -101,8 +101,9 @@ inline bool test_instance(const SceneView& scene, u32 index, const Ray& ray, boo
   if (inside.hit.slot.leaf == kNone) return false;
   const float t = (inside.hit.t + local.skipped) / local.stretch;
   // Of two at one distance what is seen through the later instance gives way.
-  if (t < best.hit.t ||
-      (t == best.hit.t && best.hit.slot.instance != kNone && index < best.hit.slot.instance)) {
+  const Slot known = best.hit.slot;
+  if (t < best.hit.t || (t == best.hit.t && (known.leaf == kNone || (known.instance != kNone &&
+                                                                     index < known.instance)))) {
     best = {{t, {inside.hit.slot.leaf, inside.hit.slot.lane, index}}, inside.id, kNoSlot};
   }
   return false;

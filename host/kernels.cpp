@@ -99,9 +99,9 @@ void for_each_batch(const Ray* rays, const float* limit, u64 n, F&& f) {
   }
 }
 
-// Of rays that begin farther from each other along any axis, of which a scene is as wide as 2, few
-// boxes are met by all.
-constexpr float kFarApart = 0.125f;
+// Of rays that begin farther than this from the first, along any axis, few boxes are met by all;
+// a scene is as wide as 2.
+constexpr float kFar = 0.125f;
 
 // Sixteen of many rays, which may be those of a picture: then they lie close together, and what
 // they meet is found for all at once. False where it is not.
@@ -109,13 +109,14 @@ template <bool kAny>
 bool asked_together(const SceneView& scene, const Ray* rays, u32 lanes,
                     const Rows<Vec3, kBatch>& direction, const float (&limit)[kBatch],
                     Packet& packet) {
-  if (!same_signs(direction, lanes)) return false;
+  lanes &= bits(all(0.0f) < load(limit));  // those that pass the scene by look nowhere
+  if (lanes == 0 || !same_signs(direction, lanes)) return false;
+  const u32 first = lowest_bit(lanes);
   packet.inward = 0;
-  const u32 last = compiler::ones(lanes) - 1;
   for (u32 k = 0; k < kBatch; ++k) {
-    const Ray& ray = rays[k < last ? k : last];
-    const Vec3 away = ray.origin - rays[0].origin;
-    if (!(max(abs(away.x), max(abs(away.y), abs(away.z))) <= kFarApart)) return false;
+    const Ray& ray = rays[(lanes >> k & 1u) != 0 ? k : first];
+    const Vec3 away = ray.origin - rays[first].origin;
+    if (!(max(abs(away.x), max(abs(away.y), abs(away.z))) <= kFar)) return false;
     packet.origin.set(k, ray.origin);
     packet.self.set(k, ray.self);
     packet.inward |= (ray.inward ? 1u : 0u) << k;

@@ -231,6 +231,11 @@ def test_neighbours_in_a_picture_meet_what_each_meets() -> None:
 
 def test_limits_are_kept_from_any_distance() -> None:
     """What is met at a limit, as a number of double's, is met; nothing farther is told."""
+    copies = ph.Instances([ph.Spheres([(0, 0, 3)], 0.5)], [np.eye(4)])
+    among = ph.prepare(ph.Scene([copies]))
+    seen = ph.intersect(among, (0, 0, 0), (0, 0, 1)).distance
+    np.testing.assert_allclose(seen, 2.5, rtol=1e-7)
+    np.testing.assert_array_equal(ph.intersect(among, (0, 0, 0), (0, 0, 1), seen).distance, seen)
     scene = ph.prepare(ph.Scene([globe(20), ph.Spheres([(0, 0, 3)], 0.5)]))
     n = 20_000
     rng = RNG(12)

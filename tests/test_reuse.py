@@ -474,7 +474,7 @@ def test_what_is_found_out_is_so_for_every_part_and_way_to_render(tmp_path: Any)
 @pytest.mark.parametrize(
     "settings",
     [
-        {"width": 128, "height": 127},
+        {"width": 128, "height": 63},
         {"integrator": "direct"},
         {"integrator": "ao"},
         {"max_depth": 2},
@@ -490,11 +490,10 @@ def test_what_is_not_looked_at(settings: dict[str, Any], monkeypatch: pytest.Mon
 
 
 def test_squares_lie_all_over_the_picture() -> None:
-    for across, down in ((8, 8), (64, 1), (1, 64), (40, 22), (256, 135)):
+    for across, down in ((8, 4), (8, 8), (64, 1), (1, 64), (40, 22), (256, 135)):
         found = np.array(sharing.squares(across, down))
-        assert (
-            len(np.unique(found, axis=0)) == len(found) == min(24, int((across * down) ** 0.5 / 3))
-        )
+        few = max(2, int((across * down) ** 0.5 / 3))
+        assert len(np.unique(found, axis=0)) == len(found) == min(24, few)
         assert (found >= 0).all()
         assert (found < (across, down)).all()
         if len(found) >= 8 and min(across, down) > 1:  # every quarter of the picture has its share

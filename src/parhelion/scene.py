@@ -339,7 +339,7 @@ class Settings:
     the light that paths of others close by have found, on the second surface and from there on
     (Bekaert, Sbert and Halton, "Accelerating Path Tracing by Re-Using Paths", 2002): much less
     noise where light has been around, for more time a sample; the mean is the same. "auto" looks
-    at parts of the picture for whether that pays; pictures of less than 64 squares of 16x16 pixels
+    at parts of the picture for whether that pays; pictures of less than 32 squares of 16x16 pixels
     are not looked at, and share none.
     """
 

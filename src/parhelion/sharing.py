@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 log = logging.getLogger("parhelion")
 
 # Squares of a picture below which looking at some would cost more than it may save
-_FEWEST = 64
-# Squares that are looked at, at most, and samples of each of their pixels
-_MOST, _SAMPLES = 24, 4
+_FEWEST = 32
+# Squares that are looked at, at least and at most, and samples of each of their pixels
+_LEAST, _MOST, _SAMPLES = 2, 24, 4
 # Of two pictures whose difference tells the noise; whatever seed the picture itself has, so that
 # pictures of other seeds are of one kind
 _SEEDS = (0x5EED1, 0x5EED2)
@@ -105,7 +105,7 @@ def look(core: Any, view: Any, settings: Settings, work: Work, tick: Any = None)
 
 def squares(across: int, down: int) -> list[tuple[int, int]]:
     """Which of so many squares are looked at: (column, row), spread all over the picture."""
-    count = min(isqrt(across * down) // 3, _MOST)
+    count = min(max(isqrt(across * down) // 3, _LEAST), _MOST)
     found: dict[tuple[int, int], None] = {}
     i = 0
     while len(found) < count:
