@@ -39,8 +39,11 @@ PH_INLINE bool same_signs(const Rows<Vec3, kBatch>& direction, u32 lanes) {
   return true;
 }
 
-// False where there are none, as directions differ in sign, have a 0 or run fastest along other
-// axes, or something is no number.
+// What does not move along an axis counts as if it moved by the inverse of this for one of ray.
+inline constexpr float kSteep = 0x1p100f;
+
+// False where there are none, as directions differ in sign, are 0 along an axis in some lanes alone
+// or run fastest along other axes, or something is no number.
 PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBatch>& direction,
                          u32 lanes, Bundle& b) {
   u32 numbers = 0;
@@ -50,9 +53,19 @@ PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBat
   Vec3 d_low, d_high;
   bounds_of(origin, lanes, b.low, b.high);
   bounds_of(direction, lanes, d_low, d_high);
-  // Rounding keeps the order of numbers, so that bounds of the inverses are inverses of bounds.
-  b.inverse_low = {1.0f / d_high.x, 1.0f / d_high.y, 1.0f / d_high.z};
-  b.inverse_high = {1.0f / d_low.x, 1.0f / d_low.y, 1.0f / d_low.z};
+  const auto invert = [](float least, float most, float& inverse_low, float& inverse_high,
+                         float& from, float& to) {
+    const bool still = (least == 0.0f) & (most == 0.0f);
+    // Rounding keeps the order of numbers, so that bounds of the inverses are inverses of bounds.
+    inverse_low = still ? kSteep : 1.0f / most;
+    inverse_high = still ? kSteep : 1.0f / least;
+    // At a box's plane, where the product would be 0, it is within the box.
+    from -= still ? kBoxPad : 0.0f, to += still ? kBoxPad : 0.0f;
+    return still || least * most > 0.0f;
+  };
+  const bool x = invert(d_low.x, d_high.x, b.inverse_low.x, b.inverse_high.x, b.low.x, b.high.x);
+  const bool y = invert(d_low.y, d_high.y, b.inverse_low.y, b.inverse_high.y, b.low.y, b.high.y);
+  const bool z = invert(d_low.z, d_high.z, b.inverse_low.z, b.inverse_high.z, b.low.z, b.high.z);
   b.sign[0] = b.inverse_low.x < 0.0f, b.sign[1] = b.inverse_low.y < 0.0f;
   b.sign[2] = b.inverse_low.z < 0.0f;
   const Vec3 pad = {kBoxPad, kBoxPad, kBoxPad};  // for the rounding of the middle
@@ -60,8 +73,7 @@ PH_INLINE bool bundle_of(const Rows<Vec3, kBatch>& origin, const Rows<Vec3, kBat
   b.origin_off = (b.high - b.low) * 0.5f + pad, b.direction_off = (d_high - d_low) * 0.5f + pad;
   b.radius = length(b.origin_off), b.spread = length(b.direction_off);
   b.along = common_axis(direction, lanes);
-  return b.along >= 0 && d_low.x * d_high.x > 0.0f && d_low.y * d_high.y > 0.0f &&
-         d_low.z * d_high.z > 0.0f && finite(b.inverse_low) && finite(b.inverse_high);
+  return b.along >= 0 && x && y && z && finite(b.inverse_low) && finite(b.inverse_high);
 }
 
 // Bit i: some ray may meet child i's box before `limit`, at near[i] at the earliest.
@@ -307,6 +319,10 @@ inline bool walk_close(const SceneView& scene, u32 lanes, const float (&limit)[k
   Bundle bundle;
   if (rays.lanes == 0 || (scene.root & kLeafBit) != 0) return false;
   if (!bundle_of(rays.origin, rays.direction, rays.lanes, bundle)) return false;
+  // Where they do not move along an axis the bundle's sign there is that of 0, not of -0.
+  for (auto& row : rays.direction.row) {
+    for (float& d : row) d += 0.0f;
+  }
   find_slabs(rays.direction, rays.slabs);
   rays.met = 0;
   for (u32 k = 0; k < kBatch; ++k) {

@@ -216,8 +216,13 @@ def test_neighbours_in_a_picture_meet_what_each_meets() -> None:
         met = np.unique(first.shape[first.hit])
         assert len(met) == len(first.shape_names) - 1  # all but the shape of copies itself
         on = first[first.hit]
+        above = np.column_stack([10 * x.ravel(), 10 * y.ravel(), np.full(x.size, 12.0)])
+        down = np.tile((0.0, 0.0, -1.0), (len(above), 1))
+        down[::3, 0] = -0.0
+        along = np.tile((0.0, 0.6, -0.8), (len(on), 1))
         sun = np.tile((0.3, 0.8, 0.52), (len(on), 1))
-        for origins, way in ((eyes, towards), (on, towards[first.hit]), (on, sun)):
+        turns = (above, down), (eyes, towards), (on, towards[first.hit]), (on, sun), (on, along)
+        for origins, way in turns:
             n = len(origins)
             own = mixed[mixed < n]
             hits = ph.intersect(scene, origins, way, limits[:n], isa=isa)
