@@ -516,7 +516,7 @@ def wait_for(process: subprocess.Popen[str], text: str) -> None:
 )
 def test_a_signal_ends_it_soon_with_what_there_is(tmp_path: Path, number: int, words: str) -> None:
     with started(*ENDLESS, "-o", "a.exr", *words.split(), cwd=tmp_path) as process:
-        wait_for(process, "nodes")  # the tree is built, the rendering begins
+        wait_for(process, "shared paths")  # what is known before the rendering begins
         time.sleep(0.7)
         assert process.poll() is None
         begin = time.monotonic()
@@ -544,7 +544,7 @@ def test_a_signal_ends_it_soon_with_what_there_is(tmp_path: Path, number: int, w
 
 def test_stopped_it_writes_the_picture_before_its_layers(tmp_path: Path) -> None:
     with started(*ENDLESS, "--features", "-o", "a.exr", cwd=tmp_path) as process:
-        wait_for(process, "nodes")
+        wait_for(process, "shared paths")
         time.sleep(0.7)
         process.send_signal(signal.SIGINT)
         wait_for(process, "a.exr is there, its layers follow")
@@ -576,7 +576,7 @@ def test_a_second_signal_ends_it_at_once(tmp_path: Path) -> None:
     # no one reads this pipe, so that writing the picture never ends
     os.mkfifo(tmp_path / "a.png")
     with started(*ENDLESS, "-o", "a.png", cwd=tmp_path) as process:
-        wait_for(process, "nodes")
+        wait_for(process, "shared paths")
         time.sleep(0.3)
         process.send_signal(signal.SIGINT)
         time.sleep(1.0)
