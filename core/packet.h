@@ -30,7 +30,8 @@ PH_INLINE int common_axis(const Rows<Vec3, kBatch>& direction, u32 lanes) {
   return (lanes & ~equal(first, axis)) == 0 ? static_cast<int>(first) : -1;
 }
 
-// Whether each component of some lanes' directions is below 0 in all of them or in none.
+// Whether each component of some lanes' directions is below 0 in all of them or in none. Of a
+// bundle it is; what goes its own ways is told apart by it for least.
 PH_INLINE bool same_signs(const Rows<Vec3, kBatch>& direction, u32 lanes) {
   for (u32 axis = 0; axis < 3; ++axis) {
     const u32 below = bits(load(direction.row[axis]) < all(0.0f)) & lanes;
@@ -39,7 +40,8 @@ PH_INLINE bool same_signs(const Rows<Vec3, kBatch>& direction, u32 lanes) {
   return true;
 }
 
-// What does not move along an axis counts as if it moved by the inverse of this for one of ray.
+// What does not move along an axis counts as if it moved along it by 1 in so many of its length:
+// directions are about a unit long.
 inline constexpr float kSteep = 0x1p100f;
 
 // False where there are none, as directions differ in sign, are 0 along an axis in some lanes alone
@@ -109,8 +111,8 @@ struct NearestHits {
   }
 };
 
-// lanes: those that take part; met: of these, where any hit will do, those that have one. All
-// others have 0 as their best's t. self and inward: as in Ray.
+// lanes: those that take part; met: of these, where any hit will do, those that have one. What
+// takes no part, or none any more, has 0 as its best's t. self and inward: as in Ray.
 struct Packet {
   Rows<Vec3, kBatch> origin, direction;
   SlabRows slabs;
@@ -149,8 +151,7 @@ PH_INLINE void ask_alone(Packet& rays, u32 k, Test&& test) {
   }
 }
 
-// One primitive against all rays; one that starts on it has 0 as its best's t.
-// along: as in Bundle.
+// One primitive against all rays; one that starts on it has 0 as its best's t. along: as in Bundle.
 template <bool kAny, class Shape>
 PH_APART inline void test_primitive(const Shape& shape, Child leaf, u32 lane, u32 id, int along,
                                     const Rows<Vec3, kBatch>& __restrict origin,

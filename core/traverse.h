@@ -88,8 +88,9 @@ inline bool test_instance(const SceneView& scene, u32 index, const Ray& ray, boo
   const Instance& instance = scene.instances[index];
   const GroupRay local = into_group(instance, index, ray);
   // What lies at just the distance of the best must be found: which of them counts is said below.
-  float limit = best.hit.t * local.stretch - local.skipped;
+  float limit = best.hit.t * local.stretch;
   if constexpr (!kAny) limit *= kSlabSlack;
+  limit -= local.skipped;
   if (!(limit > 0.0f)) return false;
   NearestHit inside = {{limit, kNoSlot}, kNone, kNoSlot};
   if (kAny && best.ignore.instance == index) {

@@ -119,7 +119,9 @@ struct Start {
                 kNoSlot,
                 false};
     }
-    limit[k] = below(std::max(rays.limits.at(i, 0) * scale - skipped[k], 0.0));
+    // What was told of a hit, as a limit, leads back to it in spite of its rounding.
+    const double most = rays.limits.at(i, 0) * scale * (1.0 + 0x1p-52);
+    limit[k] = below(std::max(most - skipped[k], 0.0));
   }
 };
 

@@ -236,11 +236,6 @@ def test_neighbours_in_a_picture_meet_what_each_meets() -> None:
 
 def test_limits_are_kept_from_any_distance() -> None:
     """What is met at a limit, as a number of double's, is met; nothing farther is told."""
-    copies = ph.Instances([ph.Spheres([(0, 0, 3)], 0.5)], [np.eye(4)])
-    among = ph.prepare(ph.Scene([copies]))
-    seen = ph.intersect(among, (0, 0, 0), (0, 0, 1)).distance
-    np.testing.assert_allclose(seen, 2.5, rtol=1e-7)
-    np.testing.assert_array_equal(ph.intersect(among, (0, 0, 0), (0, 0, 1), seen).distance, seen)
     scene = ph.prepare(ph.Scene([globe(20), ph.Spheres([(0, 0, 3)], 0.5)]))
     n = 20_000
     rng = RNG(12)
@@ -254,6 +249,31 @@ def test_limits_are_kept_from_any_distance() -> None:
     longer = first.hit & (limits > first.distance * (1 + 1e-6))
     np.testing.assert_array_equal(hits.distance[longer], first.distance[longer])
     assert 0.2 < np.mean(longer) < 0.5
+    again = ph.intersect(scene, at + away, -away, first.distance)
+    np.testing.assert_array_equal(again.distance, first.distance)
+
+
+@pytest.mark.parametrize("size", [1.0, 0.01])
+def test_of_copies_in_one_place_the_first_is_met(size: float) -> None:
+    """However small they are, in whatever company and up to whatever limit."""
+    rng = RNG(7)
+    places = np.tile(np.diag([size, size, size, 1.0]), (40, 1, 1))
+    places[:, :3, 3] = rng.uniform(-5, 5, (40, 3))
+    pearl = ph.Spheres([(0, 0, 0)], 1.0)
+    scene = ph.prepare(ph.Scene([ph.Instances([pearl], [*places, *places])]))
+    n = 16_000
+    eyes = places[np.sort(rng.integers(0, 40, n)), :3, 3] + rng.normal(size=(n, 3)) * 0.5 * size
+    origins = eyes + directions(n, 2) * 2.0
+    towards = eyes - origins
+    mixed = rng.permutation(n)
+    for isa in _core.instruction_sets():
+        hits = ph.intersect(scene, origins, towards, isa=isa)
+        assert np.mean(hits.hit) > 0.5
+        assert hits.copy.max() < 40
+        for limits in (np.full(n, np.inf), hits.distance):
+            other = ph.intersect(scene, origins[mixed], towards[mixed], limits[mixed], isa=isa)
+            np.testing.assert_array_equal(other.copy, hits.copy[mixed])
+            np.testing.assert_array_equal(other.distance, hits.distance[mixed])
 
 
 def test_normals_point_outward_in_mirrored_copies_and_by_vertices() -> None:

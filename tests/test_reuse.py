@@ -487,6 +487,8 @@ def test_what_is_not_looked_at(settings: dict[str, Any], monkeypatch: pytest.Mon
     monkeypatch.setattr(sharing, "noise", never)
     image = ph.render(room(True), **{**LARGE, **settings})
     assert image.settings.reuse_paths is False
+    with pytest.raises(AssertionError):  # what is just large enough
+        ph.render(room(True), **{**LARGE, "width": 128, "height": 64})
 
 
 def test_squares_lie_all_over_the_picture() -> None:

@@ -119,7 +119,8 @@ PH_INLINE LaneVec3 cross(const LaneVec3& a, const LaneVec3& b) {
 // --- Rays that lie close together ---------------------------------------------------------------
 
 struct Bundle {
-  // Bounds of the rays' origins and of the inverses of their directions, whose signs are the same
+  // Bounds of the rays' origins, wider by kBoxPad along axes along which none moves, and of the
+  // inverses of their directions (there kSteep), whose signs are the same
   Vec3 low, high, inverse_low, inverse_high;
   u32 sign[3];
   // What lies in the middle of them; the direction need not be a unit long. How far they are off it

@@ -121,6 +121,8 @@ void rays_together_meet_what_each_meets() {
       SlotRows<kBatch> slot, slot_apart;
       intersect_close(scene.view(), origin, direction, lanes, t, slot);
       Bundle bundle;
+      const bool along_axis = i % 28 == 0;  // all of them, from one point
+      CHECK(!along_axis || bundle_of(origin, direction, lanes, bundle));
       if (bundle_of(origin, direction, lanes, bundle)) {
         ++bounded;
         for (size_t node = 0; node < scene.node_count(); ++node) {
