@@ -111,7 +111,7 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
             lost = {
                 name: worker.ask({"rays": "edges"})
                 for name, worker in workers.items()
-                if PACKETS not in name
+                if _measured("edges", name)
             }
     finally:
         for worker in workers.values():

@@ -103,8 +103,8 @@ inline bool test_instance(const SceneView& scene, u32 index, const Ray& ray, boo
   const float t = (inside.hit.t + local.skipped) / local.stretch;
   // Of two at one distance what is seen through the later instance gives way.
   const Slot known = best.hit.slot;
-  if (t < best.hit.t || (t == best.hit.t && (known.leaf == kNone || (known.instance != kNone &&
-                                                                     index < known.instance)))) {
+  const bool first = known.instance != kNone ? index < known.instance : known.leaf == kNone;
+  if (t < best.hit.t || (t == best.hit.t && first)) {
     best = {{t, {inside.hit.slot.leaf, inside.hit.slot.lane, index}}, inside.id, kNoSlot};
   }
   return false;

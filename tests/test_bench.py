@@ -358,6 +358,11 @@ def test_rays_and_how_many_get_out_of_a_closed_mesh(tmp_path: Path):
     assert of["lost at edges", "parhelion public"].runs == [0.0]
     assert of["any hit", "parhelion public"].ratios[0] > 0
     assert ("tree", "parhelion public") not in of
+    assert of["shadow", "parhelion"].runs[0] > 0
+    if ("camera", "embreex") in of:
+        asked = [row.most_ratio for row in measured if row.name == "embreex packets"]
+        assert asked == [None, None]  # a camera's rays and towards the sun, as a figure alone
+        assert of["shadow", "embreex"].most_ratio == 1.0
     if ("bounce", "embreex robust") in of:
         # that these are rays which can get lost
         default = of["lost at edges", "embreex"].runs[0]
