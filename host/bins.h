@@ -10,6 +10,7 @@
 #include "../core/compiler.h"
 #include "partition.h"
 #include "sah.h"
+#include "tasks.h"
 
 namespace parhelion::tree {
 
@@ -203,8 +204,7 @@ PH_APART inline bool split_by_tasks(const Part& p, Ref* to, Part& left, Part& ri
   const size_t tasks = std::min(p.size / kBinnedATask, kMostBinned);
   const auto start = [&](size_t task) { return p.size * task / tasks; };
   std::vector<Bins<kBins>> bins(tasks, Bins<kBins>(p.centers));
-#pragma omp taskloop grainsize(1) shared(bins, p, start)
-  for (size_t t = 0; t < tasks; ++t) bins[t].fill(p.refs + start(t), start(t + 1) - start(t));
+  do_each(tasks, [&](size_t t) { bins[t].fill(p.refs + start(t), start(t + 1) - start(t)); });
   Bins<kBins> all = bins[0];
   for (size_t t = 1; t < tasks; ++t) all.grow(bins[t].bins);
   const Plane plane = all.best();
@@ -222,8 +222,7 @@ PH_APART inline bool split_by_tasks(const Part& p, Ref* to, Part& left, Part& ri
     next_left += before;
     next_right += start(t + 1) - start(t) - before;
   }
-#pragma omp taskloop grainsize(1) shared(halves, p, plane, start)
-  for (size_t t = 0; t < tasks; ++t) {
+  do_each(tasks, [&](size_t t) {
     Halves& h = halves[t];
     Ref *l = h.left, *r = h.right;
     for (const Ref *from = p.refs + start(t), *end = p.refs + start(t + 1); from != end; ++from) {
@@ -234,7 +233,7 @@ PH_APART inline bool split_by_tasks(const Part& p, Ref* to, Part& left, Part& ri
     }
     h.made[0] = measure(h.left, static_cast<size_t>(l - h.left));
     h.made[1] = measure(h.right, static_cast<size_t>(r - h.right));
-  }
+  });
   left = {to, plane.count, {}, {}};
   right = {to + plane.count, p.size - plane.count, {}, {}};
   for (const Halves& h : halves) {

@@ -12,6 +12,7 @@
 #include "bins.h"
 #include "memory.h"
 #include "sah.h"
+#include "tasks.h"
 
 namespace parhelion::tree {
 
@@ -161,10 +162,8 @@ class SharedForks {
       } else {
         halve(part, levels, left, right);
       }
-#pragma omp task shared(f, right, left)
-      f.right = fork(right, rest + left.size, upkeep, levels + 1);
-      f.left = fork(left, rest, upkeep, levels + 1);
-#pragma omp taskwait
+      do_both([&] { f.right = fork(right, rest + left.size, upkeep, levels + 1); },
+              [&] { f.left = fork(left, rest, upkeep, levels + 1); });
       if (!f.left || !f.right) return;
       weigh(f, upkeep);
       made = &f;

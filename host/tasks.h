@@ -1,0 +1,28 @@
+// Work that the threads of a parallel region share as they find time.
+#pragma once
+#include <cstddef>
+
+// OpenMP gives the memory of a task that has ended to one that another thread makes, and nobody
+// tells the thread sanitizer of it. So it isn't shown what is written there, which is no more than
+// where a task finds what it does; all that tasks do themselves it sees.
+#define PH_MAKES_TASKS __attribute__((noinline, no_sanitize("thread")))
+
+namespace parhelion {
+
+// Both done when it returns, the first by any thread.
+template <class F, class G>
+PH_MAKES_TASKS void do_both(const F& first, const G& second) {
+#pragma omp task shared(first)
+  first();
+  second();
+#pragma omp taskwait
+}
+
+// f(0) to f(n - 1), a task each, done when it returns.
+template <class F>
+PH_MAKES_TASKS void do_each(size_t n, const F& f) {
+#pragma omp taskloop grainsize(1) shared(f)
+  for (size_t i = 0; i < n; ++i) f(i);
+}
+
+}  // namespace parhelion
