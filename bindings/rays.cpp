@@ -24,23 +24,43 @@ namespace {
 
 // --- One by one, on one thread, for tests and measurements ---------------------------------------
 
-// Calls f(first, rays, count) for so many rays at a time, which are given in the user's units:
-// origins and unit directions. Called without the GIL: who changes the arrays meanwhile changes
-// what is found, as with NumPy's own functions.
+// Calls f(first, batches, n) for so many batches of rays at a time, which are given in the user's
+// units: origins, unit directions and limits, null for none. Called without the GIL: who changes
+// the arrays meanwhile changes what is found, as with NumPy's own functions.
 template <class F>
 void for_unit_rays(const Scene& scene, const FloatRows& origins, const FloatRows& directions,
-                   F&& f) {
+                   const float* limits, F&& f) {
   const float scale = static_cast<float>(scene.scale());
   const size_t n = origins.shape(0);
-  Ray rays[kRaysAtOnce];
+  RayBatch batch[kRaysAtOnce / kBatch] = {};
+  for (RayBatch& b : batch) {
+    std::fill_n(b.self.leaf, kBatch, kNoSlot.leaf);
+    std::fill_n(b.self.instance, kBatch, kNoSlot.instance);
+  }
   for (size_t first = 0; first < n; first += kRaysAtOnce) {
-    const size_t count = std::min(kRaysAtOnce, n - first);
+    const size_t count = batches(std::min(kRaysAtOnce, n - first));
     for (size_t i = 0; i < count; ++i) {
-      const Vec3 o = vectors(origins)[first + i];
-      const Vec3 scaled = {o.x * scale, o.y * scale, o.z * scale};
-      rays[i] = {scaled, vectors(directions)[first + i], kNoSlot, false};
+      RayBatch& b = batch[i];
+      const size_t from = first + i * kBatch, lanes = std::min<size_t>(kBatch, n - from);
+      const float *o = origins.data() + 3 * from, *d = directions.data() + 3 * from;
+      for (size_t k = 0; k < lanes; ++k) {
+        for (size_t axis = 0; axis < 3; ++axis) {
+          b.origin[axis][k] = o[3 * k + axis] * scale;
+          b.direction[axis][k] = d[3 * k + axis];
+        }
+        b.limit[k] = limits ? limits[from + k] * scale : kInfinity;
+      }
+      b.lanes = (1u << lanes) - 1;
     }
-    f(first, rays, count);
+    f(first, batch, count);
+  }
+}
+
+// Calls f(ray, batch, lane) for those of so many batches from `first` on.
+template <class F>
+void for_lanes(const RayBatch* rays, size_t first, size_t count, F&& f) {
+  for (size_t i = 0; i < count; ++i) {
+    for (u32 k = 0; rays[i].lanes >> k != 0; ++k) f(first + i * kBatch + k, i, k);
   }
 }
 
@@ -62,21 +82,19 @@ std::tuple<nb::object, nb::object> nearest(const Scene& scene, const FloatRows& 
     nb::gil_scoped_release unlocked;
     const SceneView& view = scene.view();
     const float unscale = static_cast<float>(1.0 / scene.scale());
-    float limit[kRaysAtOnce];
-    std::fill_n(limit, kRaysAtOnce, kInfinity);
-    Hit hits[kRaysAtOnce];
-    for_unit_rays(scene, origins, directions, [&](size_t first, const Ray* rays, size_t count) {
-      k.intersect(view, rays, limit, count, tree, hits);
-      for (size_t i = 0; i < count; ++i) {
-        const Slot slot = hits[i].slot;
-        t[first + i] = hits[i].t * unscale;
-        i64& own = id[first + i];
-        own = -1;
-        if (slot.leaf == kNone) continue;
-        baseline::with_primitive(view, slot,
-                                 [&](const auto&, u32 primitive) { own = i64{primitive}; });
-      }
-    });
+    HitBatch hits[kRaysAtOnce / kBatch];
+    for_unit_rays(scene, origins, directions, nullptr,
+                  [&](size_t first, const RayBatch* rays, size_t count) {
+                    k.intersect(view, rays, count, tree, hits);
+                    for_lanes(rays, first, count, [&](size_t ray, size_t i, u32 lane) {
+                      const Hit hit = hit_at(hits[i], lane);
+                      t[ray] = hit.t * unscale;
+                      id[ray] = -1;
+                      if (hit.slot.leaf == kNone) return;
+                      baseline::with_primitive(
+                          view, hit.slot, [&](const auto&, u32 primitive) { id[ray] = primitive; });
+                    });
+                  });
   }
   return {ts, ids};
 }
@@ -89,24 +107,28 @@ nb::object any(const Scene& scene, const FloatRows& origins, const FloatRows& di
   nb::object result = make_array<u8>({origins.shape(0)}, out);
   const Kernels& k = kernels(isa);
   nb::gil_scoped_release unlocked;
-  const SceneView& view = scene.view();
-  const float scale = static_cast<float>(scene.scale());
-  float limit[kRaysAtOnce];
-  for_unit_rays(scene, origins, directions, [&](size_t first, const Ray* rays, size_t count) {
-    for (size_t i = 0; i < count; ++i) limit[i] = limits.data()[first + i] * scale;
-    k.occluded(view, rays, limit, count, tree, out + first);
-  });
+  u32 met[kRaysAtOnce / kBatch];
+  for_unit_rays(scene, origins, directions, limits.data(),
+                [&](size_t first, const RayBatch* rays, size_t count) {
+                  k.occluded(scene.view(), rays, count, tree, met);
+                  for_lanes(rays, first, count, [&](size_t ray, size_t i, u32 lane) {
+                    out[ray] = (met[i] >> lane & 1u) != 0;
+                  });
+                });
   return result;
 }
 
 // --- Of users, by all threads --------------------------------------------------------------------
 
 constexpr size_t kMetNumbers = sizeof(Met) / sizeof(u32);
-using MetRows = nb::ndarray<const u32, nb::shape<-1, kMetNumbers>, nb::c_contig, nb::device::cpu>;
+constexpr size_t kHitRayNumbers = sizeof(HitRay) / sizeof(u32);
+template <size_t kColumns>
+using NumberRows = nb::ndarray<const u32, nb::shape<-1, kColumns>, nb::c_contig, nb::device::cpu>;
+using MetRows = NumberRows<kMetNumbers>;
 
-// n rays, that set off from `origins`, or what others have met. Raises what check() does.
-UserRays checked(size_t n, const std::variant<MetRows, AnyArray>& origins,
-                 const AnyArray& directions, const AnyArray& limits) {
+// n rays, that set off from `origins`, or what others have met.
+UserRays user_rays(size_t n, const std::variant<MetRows, AnyArray>& origins,
+                   const AnyArray& directions, const AnyArray& limits) {
   UserRays rays{};
   rays.n = n;
   if (const MetRows* met = std::get_if<MetRows>(&origins)) {
@@ -117,8 +139,6 @@ UserRays checked(size_t n, const std::variant<MetRows, AnyArray>& origins,
   }
   rays.directions = to_numbers("directions", directions, 3, n);
   rays.limits = to_numbers("limits", limits, 1, n);
-  nb::gil_scoped_release unlocked;
-  check(rays);
   return rays;
 }
 
@@ -140,16 +160,16 @@ std::tuple<nb::object, nb::object, nb::object, nb::object, nb::object, nb::objec
     const Scene& scene, size_t n, const std::variant<MetRows, AnyArray>& origins,
     const AnyArray& directions, const AnyArray& limits, bool tree, const std::string& isa) {
   const Kernels& k = kernels(isa);
-  const UserRays rays = checked(n, origins, directions, limits);
+  const UserRays rays = user_rays(n, origins, directions, limits);
   RayHits hits;
-  u32* met;
+  u32* of;
   nb::object distance = make_array({rays.n}, hits.distance);
   nb::object shape = make_array({rays.n}, hits.shape);
   nb::object primitive = make_array({rays.n}, hits.primitive);
   nb::object instances = make_array({rays.n}, hits.instances);
   nb::object copy = make_array({rays.n}, hits.copy);
-  nb::object all = make_array({rays.n, kMetNumbers}, met);
-  hits.met = reinterpret_cast<Met*>(met);
+  nb::object all = make_array({rays.n, kHitRayNumbers}, of);
+  hits.rays = reinterpret_cast<HitRay*>(of);
   interruptibly([&](const Stop& stop) { return intersect(scene, k, rays, tree, hits, stop); });
   return {distance, shape, primitive, instances, copy, all};
 }
@@ -158,10 +178,21 @@ nb::object occluded_rays(const Scene& scene, size_t n,
                          const std::variant<MetRows, AnyArray>& origins, const AnyArray& directions,
                          const AnyArray& limits, bool tree, const std::string& isa) {
   const Kernels& k = kernels(isa);
-  const UserRays rays = checked(n, origins, directions, limits);
+  const UserRays rays = user_rays(n, origins, directions, limits);
   u8* found;
   nb::object result = make_array({rays.n}, found);
   interruptibly([&](const Stop& stop) { return occluded(scene, k, rays, tree, found, stop); });
+  return result;
+}
+
+nb::object points(const Scene& scene, const NumberRows<kHitRayNumbers>& rays) {
+  const size_t n = rays.shape(0);
+  u32* met;
+  nb::object result = make_array({n, kMetNumbers}, met);
+  interruptibly([&](const Stop& stop) {
+    return find_points(scene, reinterpret_cast<const HitRay*>(rays.data()), n,
+                       reinterpret_cast<Met*>(met), stop);
+  });
   return result;
 }
 
@@ -179,6 +210,7 @@ void bind_rays(nb::module_& m, nb::class_<Scene>& scene) {
         "limits"_a, "tree"_a, "isa"_a);
   m.def("occluded_rays", &occluded_rays, "scene"_a, "n"_a, "origins"_a, "directions"_a, "limits"_a,
         "tree"_a, "isa"_a);
+  m.def("points_met", &points, "scene"_a, "rays"_a);
 }
 
 }  // namespace parhelion

@@ -74,10 +74,6 @@ PH_INLINE double entry(DVec3 origin, DVec3 direction, const Box& box) {
   return near <= far ? most(before, 0.0) : static_cast<double>(kInfinity);
 }
 
-// Samples whose camera rays are made at once, each step for all of them before the next: loops of a
-// fixed length, which compilers turn into vectors.
-inline constexpr u32 kBatch = 16;
-
 // Of each sample in a batch: its pixel, its random numbers, where in the pixel, and on the
 // lens; then its ray, as `full` and, from where it enters the scene's bounds, `start` away from the
 // camera, as the scene sees it.

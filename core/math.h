@@ -19,6 +19,7 @@ PH_INLINE float clamp_positive(float x, float low, float high) {
   return __builtin_bit_cast(float, below > least ? below : least);
 }
 PH_INLINE float abs(float x) { return compiler::abs(x); }
+PH_INLINE double abs(double x) { return x < 0.0 ? -x : x; }
 PH_INLINE float sqrt(float x) { return compiler::sqrt(x); }
 PH_INLINE float safe_sqrt(float x) { return sqrt(max(x, 0.0f)); }
 PH_INLINE float copysign(float size, float sign) { return compiler::copysign(size, sign); }

@@ -71,4 +71,23 @@ struct Hit {
   Slot slot;
 };
 
+// What many of are dealt with at once, each step for so many before the next: loops of a fixed
+// length, which compilers turn into vectors.
+inline constexpr u32 kBatch = 16;
+
+// Rays and hits by component, as they cross from host to kernel. Each looks up to its limit.
+struct SlotBatch {
+  u32 leaf[kBatch], lane[kBatch], instance[kBatch];
+};
+struct RayBatch {
+  alignas(64) float origin[3][kBatch], direction[3][kBatch], limit[kBatch];
+  SlotBatch self;
+  u32 inward;  // bit k: ray k
+  u32 lanes;   // those that are asked; the others are numbers
+};
+struct HitBatch {
+  alignas(64) float t[kBatch];
+  SlotBatch slot;
+};
+
 }  // namespace parhelion

@@ -2,6 +2,7 @@
 // includes it.
 #pragma once
 #include "../core/film.h"
+#include "../core/user_rays.h"
 #include "../core/wavefront.h"
 
 namespace parhelion {
@@ -45,9 +46,12 @@ struct Kernels {
   void (*render_region)(const SceneView&, const RenderView&, const Region&, PathStats&);
   // The radiance of one sample.
   Vec3 (*radiance)(const SceneView&, const RenderView&, u32 x, u32 y, u32 sample);
-  // Nearest hits and occlusion of n rays, each up to limit[i].
-  void (*intersect)(const SceneView&, const Ray*, const float* limit, u64 n, bool tree, Hit*);
-  void (*occluded)(const SceneView&, const Ray*, const float* limit, u64 n, bool tree, u8*);
+  // Users' rays as those that follow (core/user_rays.h).
+  bool (*begin_rays)(const Box& bounds, double scale, bool enters, UserBatch&, RayBatch&,
+                     double (&skipped)[kBatch]);
+  // The nearest hits of n batches of rays, or the lanes of each that meet anything.
+  void (*intersect)(const SceneView&, const RayBatch*, u64 n, bool tree, HitBatch*);
+  void (*occluded)(const SceneView&, const RayBatch*, u64 n, bool tree, u32* lanes);
   // The bodies that a point lies in, seen along a direction.
   Media (*media_around)(const SceneView&, Vec3 point, Vec3 direction, bool tree);
 

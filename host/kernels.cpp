@@ -84,21 +84,6 @@ Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, 
   return radiance(scene, view, x, y, sample, stats);
 }
 
-// Calls f(first, lanes, directions, limits) for each sixteen of many rays.
-template <class F>
-void for_each_batch(const Ray* rays, const float* limit, u64 n, F&& f) {
-  for (u64 first = 0; first < n; first += kBatch) {
-    const u32 count = n - first < kBatch ? static_cast<u32>(n - first) : kBatch;
-    Rows<Vec3, kBatch> direction = {};
-    float most[kBatch] = {};
-    for (u32 k = 0; k < count; ++k) {
-      direction.set(k, rays[first + k].direction);
-      most[k] = limit[first + k];
-    }
-    f(first, (1u << count) - 1, direction, most);
-  }
-}
-
 // Of rays that begin farther than this from the first, along any axis, few boxes are met by all;
 // a scene is as wide as 2.
 constexpr float kFar = 0.125f;
@@ -106,54 +91,53 @@ constexpr float kFar = 0.125f;
 // Sixteen of many rays, which may be those of a picture: then they lie close together, and what
 // they meet is found for all at once. False where it is not.
 template <bool kAny>
-bool asked_together(const SceneView& scene, const Ray* rays, u32 lanes,
-                    const Rows<Vec3, kBatch>& direction, const float (&limit)[kBatch],
-                    Packet& packet) {
-  lanes &= bits(all(0.0f) < load(limit));  // those that pass the scene by look nowhere
-  if (lanes == 0 || !same_signs(direction, lanes)) return false;
+bool asked_together(const SceneView& scene, const RayBatch& rays, Packet& packet) {
+  const u32 lanes = rays.lanes & bits(all(0.0f) < load(rays.limit));  // others look nowhere
+  if (lanes == 0 || !same_signs(packet.direction, lanes)) return false;
   const u32 first = lowest_bit(lanes);
-  packet.inward = 0;
-  for (u32 k = 0; k < kBatch; ++k) {
-    const Ray& ray = rays[(lanes >> k & 1u) != 0 ? k : first];
-    const Vec3 away = ray.origin - rays[first].origin;
-    if (!(max(abs(away.x), max(abs(away.y), abs(away.z))) <= kFar)) return false;
-    packet.origin.set(k, ray.origin);
-    packet.self.set(k, ray.self);
-    packet.inward |= (ray.inward ? 1u : 0u) << k;
+  for (const float (&row)[kBatch] : rays.origin) {
+    const Lanes from = all(row[first]), own = load(row);
+    const u32 close = bits(max(own - from, from - own) <= all(kFar));
+    if ((lanes & ~close) != 0) return false;
   }
-  packet.direction = direction;
-  return walk_close<kAny>(scene, lanes, limit, packet);
+  return walk_close<kAny>(scene, lanes, rays.limit, packet);
 }
 
-void intersect_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
-                   Hit* hits) {
-  for_each_batch(rays, limit, n, [&](u64 first, u32 lanes, const auto& direction, auto& most) {
+// Calls f(rays, packet, result) for each of n batches.
+template <class Result, class F>
+void for_each_batch(const RayBatch* rays, u64 n, Result* result, F&& f) {
+  for (u64 i = 0; i < n; ++i) {
     Packet packet;
-    if (tree && asked_together<false>(scene, rays + first, lanes, direction, most, packet)) {
-      const NearestHits& best = packet.best;
-      for_each_bit(lanes, [&](u32 k) { hits[first + k] = {best.t[k], best.slot.at(k)}; });
-      return;
+    compiler::copy(packet.origin.row, rays[i].origin, sizeof(rays[i].origin));
+    compiler::copy(packet.direction.row, rays[i].direction, sizeof(rays[i].direction));
+    compiler::copy(&packet.self, &rays[i].self, sizeof(packet.self));
+    packet.inward = rays[i].inward;
+    f(rays[i], packet, result[i]);
+  }
+}
+
+void intersect_all(const SceneView& scene, const RayBatch* rays, u64 n, bool tree, HitBatch* hits) {
+  for_each_batch(rays, n, hits, [&](const RayBatch& own, Packet& packet, HitBatch& hit) {
+    NearestHits& best = packet.best;
+    if (!tree || !asked_together<false>(scene, own, packet)) {
+      const auto ray_at = [&](u32 k) { return packet.ray(k); };
+      intersect_each(scene, packet.direction, own.lanes, ray_at, own.limit, tree, best.t,
+                     best.slot);
     }
-    float t[kBatch];
-    SlotRows<kBatch> slot;
-    intersect_each(
-        scene, direction, lanes, [&](u32 k) { return rays[first + k]; }, most, tree, t, slot);
-    for_each_bit(lanes, [&](u32 k) { hits[first + k] = {t[k], slot.at(k)}; });
+    compiler::copy(hit.t, best.t, sizeof(hit.t));
+    compiler::copy(&hit.slot, &best.slot, sizeof(hit.slot));
   });
 }
 
-void occluded_all(const SceneView& scene, const Ray* rays, const float* limit, u64 n, bool tree,
-                  u8* result) {
-  for_each_batch(rays, limit, n, [&](u64 first, u32 lanes, const auto& direction, auto& most) {
-    Packet packet;
-    const auto ray_at = [&](u32 k) { return rays[first + k]; };
-    const bool together =
-        tree && asked_together<true>(scene, rays + first, lanes, direction, most, packet);
-    const u32 any =
-        together ? packet.met
-                 : occluded_each(
-                       scene, direction, lanes, ray_at, most, [](u32) { return kNoSlot; }, tree);
-    for_each_bit(lanes, [&](u32 k) { result[first + k] = (any >> k & 1u) != 0; });
+void occluded_all(const SceneView& scene, const RayBatch* rays, u64 n, bool tree, u32* met) {
+  for_each_batch(rays, n, met, [&](const RayBatch& own, Packet& packet, u32& lanes) {
+    if (tree && asked_together<true>(scene, own, packet)) {
+      lanes = packet.met;
+    } else {
+      const auto ray_at = [&](u32 k) { return packet.ray(k); };
+      const auto ignored = [](u32) { return kNoSlot; };
+      lanes = occluded_each(scene, packet.direction, own.lanes, ray_at, own.limit, ignored, tree);
+    }
   });
 }
 
@@ -267,9 +251,9 @@ void filter_offsets(const FilterTable& table, const float* u, u64 n, float* out)
 }  // namespace
 
 extern const Kernels kKernels;
-const Kernels kKernels = {PH_TEXT(PH_ISA), render_row,    render_region, one_radiance,
-                          intersect_all,   occluded_all,  bodies,        warp,
-                          warp_pdf,        bsdf_sample,   bsdf_eval,     light_sample,
-                          draws,           filter_offsets};
+const Kernels kKernels = {
+    PH_TEXT(PH_ISA), render_row,   render_region, one_radiance, begin_rays,
+    intersect_all,   occluded_all, bodies,        warp,         warp_pdf,
+    bsdf_sample,     bsdf_eval,    light_sample,  draws,        filter_offsets};
 
 }  // namespace parhelion::PH_ISA

@@ -33,33 +33,8 @@ bool goes(const UserRays& rays, size_t i) {
   return finite(d) && (d.x != 0.0 || d.y != 0.0 || d.z != 0.0);
 }
 
-// Beyond float, infinite: a conversion has no meaning there.
-float rounded(double x) {
-  const double most = static_cast<double>(std::numeric_limits<float>::max());
-  return std::abs(x) <= most ? static_cast<float>(x)
-                             : std::copysign(kInfinity, x < 0 ? -1.0f : 1.0f);
-}
-
-DVec3 unit(DVec3 v) {
-  double square = baseline::dot(v, v);
-  if (!(square > 0x1p-900 && square < 0x1p900)) {  // by the largest: double has no such squares
-    const double most = std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
-    v = {v.x / most, v.y / most, v.z / most};
-    square = baseline::dot(v, v);
-  }
-  const double inverse = 1.0 / std::sqrt(square);
-  return {v.x * inverse, v.y * inverse, v.z * inverse};
-}
-
-// The greatest float that is no more than a number >= 0.
-float below(double x) {
-  const float f = rounded(x);
-  return static_cast<double>(f) > x ? std::nextafter(f, 0.0f) : f;
-}
-
-bool lies_in(DVec3 p, const Box& b) {
-  return p.x >= b.low.x && p.x <= b.high.x && p.y >= b.low.y && p.y <= b.high.y && p.z >= b.low.z &&
-         p.z <= b.high.z;
+bool is_ray(const UserRays& rays, size_t i) {
+  return starts(rays, i) && goes(rays, i) && rays.limits.at(i, 0) >= 0.0;
 }
 
 std::string text(double x) {
@@ -85,63 +60,79 @@ std::string problem(const UserRays& rays, size_t i) {
   return wrong("limits", "is " + text(rays.limits.at(i, 0)) + "; must be >= 0");
 }
 
-// Rays as the kernels take them. They begin where they enter the scene's bounds, `skipped` away
-// from where they were given: float is too coarse far from the scene.
-struct Start {
-  Ray ray[kRaysAtOnce];
-  float limit[kRaysAtOnce];
-  double skipped[kRaysAtOnce];
-
-  void set(const Scene& scene, const UserRays& rays, size_t i, size_t k) {
-    const DVec3 way = unit(vector(rays.directions, i));
-    const Vec3 direction = {static_cast<float>(way.x), static_cast<float>(way.y),
-                            static_cast<float>(way.z)};
-    const double scale = scene.scale();
-    skipped[k] = 0.0;
-    if (rays.from) {
-      const Met& m = rays.from[i];
-      const bool behind = baseline::dot(direction, m.normal) < 0.0f;
-      ray[k] = {baseline::ray_origin(m.point, m.normal, m.error, behind), direction, m.slot,
-                behind != (m.inside_out != 0)};
-    } else {
-      const DVec3 o = vector(rays.origins, i), from = {o.x * scale, o.y * scale, o.z * scale};
-      const Box& bounds = scene.view().bounds;  // within which most rays begin
-      const double far = lies_in(from, bounds) ? 0.0 : baseline::entry(from, way, bounds);
-      if (!(far < static_cast<double>(kInfinity))) {  // it passes the scene by
-        ray[k] = {{0, 0, 0}, direction, kNoSlot, false};
-        limit[k] = 0.0f;
-        return;
-      }
-      skipped[k] = far;
-      ray[k] = {{rounded(from.x + way.x * far), rounded(from.y + way.y * far),
-                 rounded(from.z + way.z * far)},
-                direction,
-                kNoSlot,
-                false};
+// Numbers of `count` rays from `first` on, by component; after the last ray it goes on with that.
+template <size_t kColumns>
+void read(const Numbers& of, size_t first, size_t count, double (*to)[kBatch]) {
+  const auto copy = [&](const auto* rows) {
+    for (size_t k = 0; k < kBatch; ++k) {
+      const auto* row = rows + (of.one ? 0 : std::min(k, count - 1) * kColumns);
+      for (size_t c = 0; c < kColumns; ++c) to[c][k] = static_cast<double>(row[c]);
     }
-    // What was told of a hit, as a limit, leads back to it in spite of its rounding.
-    const double most = rays.limits.at(i, 0) * scale * (1.0 + 0x1p-52);
-    limit[k] = below(std::max(most - skipped[k], 0.0));
+  };
+  if (of.is_double) {
+    copy(static_cast<const double*>(of.row(first)));
+  } else {
+    copy(static_cast<const float*>(of.row(first)));
   }
-};
+}
 
-// f(first, count, start) of all rays, some at a time. Returns whether it was not stopped. tree: or
-// else they are slow, and fewer at a time.
+Vec3 vector_at(const float (&rows)[3][kBatch], size_t k) {
+  return {rows[0][k], rows[1][k], rows[2][k]};
+}
+
+// From what others have met, on the side that rays go to. False where one of them is nothing.
+bool leave(const Met* from, size_t count, RayBatch& rays) {
+  bool all = true;
+  for (u32 k = 0; k < kBatch; ++k) {
+    const Met& m = from[std::min<size_t>(k, count - 1)];
+    const bool behind = baseline::dot(vector_at(rays.direction, k), m.normal) < 0.0f;
+    const Vec3 o = baseline::ray_origin(m.point, m.normal, m.error, behind);
+    rays.origin[0][k] = o.x, rays.origin[1][k] = o.y, rays.origin[2][k] = o.z;
+    rays.self.leaf[k] = m.slot.leaf, rays.self.lane[k] = m.slot.lane;
+    rays.self.instance[k] = m.slot.instance;
+    rays.inward |= (behind != (m.inside_out != 0) ? 1u : 0u) << k;
+    all &= m.slot.leaf != kNone;
+  }
+  return all;
+}
+
+// `count` rays from `first` on, at most a batch, as kernels take them; they begin so far from where
+// they were given. Returns which is the first that is none, `count` if all may be asked.
+size_t begin(const Scene& scene, const Kernels& kernels, const UserRays& users, size_t first,
+             size_t count, RayBatch& rays, double (&skipped)[kBatch]) {
+  UserBatch own;
+  read<3>(users.directions, first, count, own.direction);
+  read<1>(users.limits, first, count, &own.limit);
+  if (!users.from) read<3>(users.origins, first, count, own.origin);
+  rays.lanes = (1u << count) - 1;
+  rays.inward = 0;
+  bool plain =
+      kernels.begin_rays(scene.view().bounds, scene.scale(), !users.from, own, rays, skipped);
+  if (users.from) {
+    plain &= leave(users.from + first, count, rays);
+  } else {
+    std::fill_n(rays.self.leaf, kBatch, kNoSlot.leaf);
+    std::fill_n(rays.self.lane, kBatch, kNoSlot.lane);
+    std::fill_n(rays.self.instance, kBatch, kNoSlot.instance);
+  }
+  size_t k = plain ? count : 0;
+  while (k < count && is_ray(users, first + k)) ++k;
+  return k;
+}
+
+// Calls f(from, to) for [0, n), so many at a time, by all threads. Returns whether it was not
+// stopped: some are left out then.
 template <class F>
-bool for_rays(const Scene& scene, const UserRays& rays, bool tree, const Stop& stop, const F& f) {
-  const size_t most = tree ? kRaysAtOnce : 16, chunks = (rays.n + most - 1) / most;
+bool in_turns(size_t n, size_t at_once, const Stop& stop, const F& f) {
   std::atomic<bool> stopped{false};
-#pragma omp parallel if (rays.n > kFewElements)
+#pragma omp parallel if (n > kFewElements)
   {
     const bool asks = omp_get_thread_num() == 0;
     auto asked = std::chrono::steady_clock::now();
 #pragma omp for schedule(dynamic, 1)
-    for (size_t c = 0; c < chunks; ++c) {
+    for (size_t c = 0; c < (n + at_once - 1) / at_once; ++c) {
       if (stopped.load(std::memory_order_relaxed)) continue;
-      const size_t from = c * most, count = std::min(most, rays.n - from);
-      Start start;
-      for (size_t k = 0; k < count; ++k) start.set(scene, rays, from + k, k);
-      f(from, count, start);
+      f(c * at_once, std::min(n, (c + 1) * at_once));
       if (!asks || std::chrono::steady_clock::now() < asked + kBetweenStops) continue;
       if (stop()) stopped = true;
       asked = std::chrono::steady_clock::now();
@@ -150,55 +141,88 @@ bool for_rays(const Scene& scene, const UserRays& rays, bool tree, const Stop& s
   return !stopped;
 }
 
-}  // namespace
-
-void check(const UserRays& rays) {
-  std::atomic<size_t> first{rays.n};  // that is none
-  for_all(rays.n, [&](size_t i) {
-    if (starts(rays, i) && goes(rays, i) && rays.limits.at(i, 0) >= 0.0) return;
-    size_t known = first.load();
-    while (i < known && !first.compare_exchange_weak(known, i)) {
+// Calls f(from, count, batches, skipped) of all rays, some at a time. tree: or else they are slow,
+// and fewer at a time.
+template <class F>
+bool for_rays(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
+              const Stop& stop, const F& f) {
+  std::atomic<size_t> none{rays.n};  // the first that is no ray
+  const bool all = in_turns(rays.n, tree ? kRaysAtOnce : kBatch, stop, [&](size_t from, size_t to) {
+    RayBatch batch[kRaysAtOnce / kBatch];
+    double skipped[kRaysAtOnce / kBatch][kBatch];
+    for (size_t i = from; i < to; i += kBatch) {
+      const size_t b = (i - from) / kBatch, count = std::min<size_t>(kBatch, to - i);
+      const size_t good = begin(scene, kernels, rays, i, count, batch[b], skipped[b]);
+      size_t known = none.load();
+      while (good < count && i + good < known && !none.compare_exchange_weak(known, i + good)) {
+      }
     }
+    if (none.load(std::memory_order_relaxed) == rays.n) f(from, to - from, batch, skipped);
   });
-  if (first < rays.n) throw SceneError(problem(rays, first));
+  if (none < rays.n) throw SceneError(problem(rays, none));
+  return all;
 }
+
+Met point_of(const SceneView& view, const HitRay& ray) {
+  if (ray.hit.slot.leaf == kNone) {
+    const float none = std::numeric_limits<float>::quiet_NaN();
+    return {kNoSlot, {none, none, none}, {none, none, none}, 0.0f, 0u};
+  }
+  const baseline::Surface s =
+      baseline::surface_at(view, {ray.origin, ray.direction, kNoSlot, false}, ray.hit);
+  return {s.slot, s.point, s.normal, s.error, s.shape->inside_out ? 1u : 0u};
+}
+
+PrimitivePlace place_of(const SceneView& view, Slot slot) {
+  if (slot.leaf == kNone) return {};
+  return baseline::with_primitive(view, slot, [&](const auto&, u32 id) {
+    return place_of(view, baseline::shape_of(view, id), id, slot);
+  });
+}
+
+}  // namespace
 
 bool intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
                const RayHits& hits, const Stop& stop) {
   const SceneView& view = scene.view();
-  return for_rays(scene, rays, tree, stop, [&](size_t from, size_t count, const Start& start) {
-    Hit found[kRaysAtOnce];
-    kernels.intersect(view, start.ray, start.limit, count, tree, found);
-    for (size_t k = 0; k < count; ++k) {
-      const size_t i = from + k;
-      PrimitivePlace place;
-      Met& met = hits.met[i];
-      const Hit& hit = found[k];
-      const bool is = hit.slot.leaf != kNone;
-      if (is) {
-        const baseline::Surface s = baseline::surface_at(view, start.ray[k], hit);
-        place = place_of(view, *s.shape, s.id, s.slot);
-        met = {s.slot, s.point, s.normal, s.error, s.shape->inside_out ? 1u : 0u};
-      } else {
-        const float none = std::numeric_limits<float>::quiet_NaN();
-        met = {kNoSlot, {none, none, none}, {none, none, none}, 0.0f, 0u};
-      }
-      const double distance = (static_cast<double>(hit.t) + start.skipped[k]) * view.unit;
-      hits.distance[i] =
-          is ? std::min(distance, rays.limits.at(i, 0)) : std::numeric_limits<double>::infinity();
-      const auto number = [](u32 n) { return n == kNone ? std::int64_t{-1} : std::int64_t{n}; };
-      hits.shape[i] = static_cast<std::int32_t>(number(place.shape));
-      hits.primitive[i] = number(place.primitive);
-      hits.instances[i] = static_cast<std::int32_t>(number(place.instances));
-      hits.copy[i] = number(place.copy);
-    }
-  });
+  const auto number = [](u32 n) { return n == kNone ? std::int64_t{-1} : std::int64_t{n}; };
+  return for_rays(
+      scene, kernels, rays, tree, stop,
+      [&](size_t from, size_t count, const RayBatch* batch, const double (*skipped)[kBatch]) {
+        HitBatch found[kRaysAtOnce / kBatch];
+        kernels.intersect(view, batch, batches(count), tree, found);
+        for (size_t k = 0; k < count; ++k) {
+          const size_t i = from + k, b = k / kBatch, lane = k % kBatch;
+          const Hit hit = hit_at(found[b], lane);
+          const PrimitivePlace place = place_of(view, hit.slot);
+          const double distance = (static_cast<double>(hit.t) + skipped[b][lane]) * view.unit;
+          hits.distance[i] = place.shape == kNone ? std::numeric_limits<double>::infinity()
+                                                  : std::min(distance, rays.limits.at(i, 0));
+          hits.shape[i] = static_cast<std::int32_t>(number(place.shape));
+          hits.primitive[i] = number(place.primitive);
+          hits.instances[i] = static_cast<std::int32_t>(number(place.instances));
+          hits.copy[i] = number(place.copy);
+          hits.rays[i] = {vector_at(batch[b].origin, lane), vector_at(batch[b].direction, lane),
+                          hit};
+        }
+      });
 }
 
 bool occluded(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
               u8* found, const Stop& stop) {
-  return for_rays(scene, rays, tree, stop, [&](size_t from, size_t count, const Start& start) {
-    kernels.occluded(scene.view(), start.ray, start.limit, count, tree, found + from);
+  return for_rays(scene, kernels, rays, tree, stop,
+                  [&](size_t from, size_t count, const RayBatch* batch, const auto*) {
+                    u32 met[kRaysAtOnce / kBatch];
+                    kernels.occluded(scene.view(), batch, batches(count), tree, met);
+                    for (size_t k = 0; k < count; ++k) {
+                      found[from + k] = (met[k / kBatch] >> k % kBatch & 1u) != 0;
+                    }
+                  });
+}
+
+bool find_points(const Scene& scene, const HitRay* rays, size_t n, Met* met, const Stop& stop) {
+  return in_turns(n, kRaysAtOnce, stop, [&](size_t from, size_t to) {
+    for (size_t i = from; i < to; ++i) met[i] = point_of(scene.view(), rays[i]);
   });
 }
 

@@ -9,6 +9,13 @@
 
 namespace parhelion {
 
+// A ray, and what it has met: all that it takes to tell the point when that is asked for.
+// Normalised units.
+struct HitRay {
+  Vec3 origin, direction;
+  Hit hit;
+};
+
 // The point of a surface that a ray has met: all that it takes to set off from there without
 // meeting the same surface again. Normalised units.
 struct Met {
@@ -35,24 +42,29 @@ struct RayHits {
   std::int64_t* primitive;  // of the shape
   std::int32_t* instances;  // the shape of instances and the number of the copy, if it is one
   std::int64_t* copy;
-  Met* met;
+  HitRay* rays;
 };
 
-// As many rays, and what is found of them, as stay in the first cache (18 KB).
+// As many rays, and what is found of them, as stay in the first cache (17 KB).
 inline constexpr size_t kRaysAtOnce = 256;
 
-// Throws SceneError, naming the first ray that is none.
-void check(const UserRays& rays);
+inline size_t batches(size_t rays) { return (rays + kBatch - 1) / kBatch; }
+inline Hit hit_at(const HitBatch& hits, size_t k) {
+  return {hits.t[k], {hits.slot.leaf[k], hits.slot.lane[k], hits.slot.instance[k]}};
+}
 
 // Whether to stop: asked by the calling thread alone, some times a second.
 using Stop = std::function<bool()>;
 
-// Of rays that check() has passed; tree: or else against each primitive. False if it was stopped:
-// some rays are not answered then.
+// Throw SceneError, naming the first ray that is none. tree: or else against each primitive. False
+// if it was stopped: some rays are not answered then.
 bool intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
                const RayHits& hits, const Stop& stop);
 // Whether anything is in the way.
 bool occluded(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
               u8* found, const Stop& stop);
+
+// The points that n rays have met, NaN for none. False if it was stopped.
+bool find_points(const Scene& scene, const HitRay* rays, size_t n, Met* met, const Stop& stop);
 
 }  // namespace parhelion

@@ -365,6 +365,50 @@ def test_rays_that_memory_cannot_hold_are_refused(monkeypatch: pytest.MonkeyPatc
     with pytest.raises(ph.ResourceError, match=r"what 1000 rays meet .* fewer at a time"):
         ph.intersect(scene, o, (0, 0, 1))
     assert len(ph.occluded(scene, o, (0, 0, 1))) == 1000
+    some = ph.intersect(scene, o[:900], (0, 0, 1))
+    with monkeypatch.context() as scarce:
+        scarce.setattr(memory, "free", lambda **_: memory.Free(30_000, "free"))
+        for points in (
+            lambda: some.position,
+            lambda: some.normal,
+            lambda: ph.occluded(scene, some, -o[:900] + (0, 0, 1)),
+        ):
+            with pytest.raises(ph.ResourceError, match=r"the points of 900 hits .* fewer at"):
+                points()
+    np.testing.assert_allclose(some.normal, np.tile((0, 0, 1), (900, 1)))
+
+
+def test_points_of_some_are_those_of_all() -> None:
+    """Whether they were asked for before the hits were selected, or not."""
+    rng = RNG(8)
+    scene = ph.prepare(ph.Scene([ph.Spheres(rng.normal(size=(50, 3)), 0.3), globe(8, 2.0)]))
+    hits = ph.intersect(scene, rng.normal(size=(9000, 3)), directions(9000), 1.0)
+    some = rng.integers(0, 9000, 7000)
+    before, apart = hits[some], ph.intersect(scene, hits[hits.hit], (0, 0, 1))
+    position, normal = hits.position, hits.normal
+    assert 0.2 < np.mean(np.isnan(normal[:, 0])) < 0.8
+    np.testing.assert_array_equal(np.isnan(position), np.isnan(normal))
+    np.testing.assert_array_equal(np.isnan(normal[:, 0]), ~hits.hit)
+    for selected in (before, hits[some]):
+        np.testing.assert_array_equal(selected.position, position[some])
+        np.testing.assert_array_equal(selected.normal, normal[some])
+    again = ph.intersect(scene, hits[hits.hit], (0, 0, 1))
+    np.testing.assert_array_equal(again.distance, apart.distance)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_of_many_that_are_no_rays_the_first_is_named(threads: int) -> None:
+    rng = RNG(9)
+    scene = ph.prepare(ph.Scene([ph.Spheres([(0, 0, 0)], 1.0)]))
+    n = 50_000
+    origins, way, limits = rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), np.ones(n)
+    for last in (40_000, 20_011, 20_005, 777, 0):
+        bad = rng.integers(last, n, 40)
+        origins[bad[:13], 1], limits[bad[13:25]], way[bad[25:]] = np.inf, -1, 0
+        origins[last, 0] = np.nan
+        for ask in (ph.intersect, ph.occluded):
+            with pytest.raises(ph.SceneError, match=rf"origins\[{last}\] is \(nan"):
+                ask(scene, origins, way, limits, threads=threads)
 
 
 def test_one_ray_and_none() -> None:

@@ -65,7 +65,6 @@ PH_INLINE DVec3 normalize(DVec3 a) { return a * (1.0 / length(a)); }
 PH_INLINE double clamp(double x, double low, double high) {
   return x < low ? low : x > high ? high : x;
 }
-PH_INLINE double abs(double x) { return x < 0.0 ? -x : x; }
 
 // A box that holds another one whose corners have been rounded a few times.
 PH_INLINE Box rounded_out(Vec3 low, Vec3 high) {

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from .scene import Scene
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-# Bytes of what is told of a ray
-_HIT_BYTES = 76
+# Bytes of what is told of a ray, and of the point that it meets
+_HIT_BYTES, _POINT_BYTES = 72, 44
 # Shape of what belongs to one ray
 _ROW: dict[str, tuple[int, ...]] = {"origins": (3,), "directions": (3,), "limits": ()}
 
@@ -32,7 +33,9 @@ class Hits:
     int32, of what is seen in a copy, the number of the shape of instances, else -1; copy: (n,)
     int64, which of them. scene: what was asked, whose hits these remain: they cannot be pickled.
 
-    hits[index], by a mask, numbers or a slice, are those of some rays.
+    hits[index], by a mask, numbers or a slice, are those of some rays. Points are worked out when
+    they are first asked for, as by rays that set off from there, by as many threads as found the
+    hits, and take 44 bytes a ray then.
     """
 
     scene: Prepared
@@ -41,7 +44,8 @@ class Hits:
     primitive: NDArray[np.int64]
     instances: NDArray[np.int32]
     copy: NDArray[np.int64]
-    _met: NDArray[np.uint32]
+    _rays: NDArray[np.uint32]
+    _threads: int
 
     def __repr__(self) -> str:
         return f"<Hits: {np.count_nonzero(self.hit)} of {len(self)} rays>"
@@ -58,8 +62,11 @@ class Hits:
             raise SceneError(f"no such hits of {len(self)}: {error}") from None
         if of.ndim != 1:
             raise SceneError("hits are selected by a mask, a list of numbers or a slice")
-        arrays = self.distance, self.shape, self.primitive, self.instances, self.copy, self._met
-        return Hits(self.scene, *(array[of] for array in arrays))
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
+        some = replace(self, **{k: a[of] for k, a in arrays.items() if isinstance(a, np.ndarray)})
+        if "_points" in self.__dict__:
+            some.__dict__["_points"] = self._points[of]
+        return some
 
     @property
     def hit(self) -> NDArray[np.bool_]:
@@ -77,12 +84,17 @@ class Hits:
         """(n, 3), of the surfaces themselves, outward, unit; NaN where nothing is met."""
         return self._vectors("normal")
 
+    @cached_property
+    def _points(self) -> NDArray[np.uint32]:
+        """As the core keeps them."""
+        return _points(self)
+
     def _vectors(self, name: str) -> NDArray[np.float32]:
-        """Of the points, as the core keeps them; a copy, since rays set off by these."""
+        """Of the points; a copy, since rays set off by these."""
         from . import _core
 
         first = _core.met_columns[name]
-        vectors: NDArray[np.float32] = self._met[:, first : first + 3].view(np.float32).copy()
+        vectors: NDArray[np.float32] = self._points[:, first : first + 3].view(np.float32).copy()
         return vectors
 
     @property
@@ -115,14 +127,25 @@ def intersect(
     gets through between triangles that share an edge.
 
     Raises SceneError for a scene without a meaning and rays that are none, naming the first, and
-    ResourceError where memory does not suffice; hits take 76 bytes a ray.
+    ResourceError where memory does not suffice; hits take 72 bytes a ray.
     """
     from . import _core
 
     prepared, asked = _asked(scene, origins, directions, limits, tree, isa)
     memory.require(asked[1] * _HIT_BYTES, f"what {asked[1]} rays meet", "ask for fewer at a time")
-    with machine.threads(arguments.own_threads(threads)):
-        return Hits(prepared, *_core.intersect_rays(*asked))
+    with machine.threads(own := arguments.own_threads(threads)):
+        return Hits(prepared, *_core.intersect_rays(*asked), own)
+
+
+@memory.told
+def _points(hits: Hits) -> NDArray[np.uint32]:
+    """What rays set off from, and Hits.position and Hits.normal tell."""
+    from . import _core
+
+    n = len(hits)
+    memory.require(n * _POINT_BYTES, f"the points of {n} hits", "ask for fewer at a time")
+    with machine.threads(hits._threads):
+        return _core.points_met(hits.scene.core, hits._rays)
 
 
 @memory.told
@@ -160,7 +183,7 @@ def _asked(
     if isinstance(origins, Hits):
         if not isinstance(scene, Prepared) or origins.scene.core is not scene.core:
             raise SceneError("origins are hits of another scene; prepare() it once, and ask that")
-        met = origins._met
+        met = origins._points
         counts["origins"] = len(met)
     else:
         given["origins"] = origins

@@ -9,6 +9,7 @@
 #include "../../core/random.h"
 #include "../../host/errors.h"
 #include "../../host/kernels.h"
+#include "../../host/rays.h"
 #include "../../host/render.h"
 #include "../../host/scene.h"
 #include "../../host/view.h"
@@ -145,6 +146,39 @@ inline RenderView make_view(const Scene& scene, u32 width, u32 height, SamplerKi
                      {}};
   view.width = width, view.height = height;
   return view;
+}
+
+// What rays meet, however far away, and whether they meet anything.
+struct Answers {
+  std::vector<Hit> hits;
+  std::vector<bool> blocked;
+};
+inline Answers ask(const Scene& scene, const std::vector<Ray>& rays, bool tree,
+                   const std::string& isa = "") {
+  const size_t n = batches(rays.size());
+  std::vector<RayBatch> batch(n);
+  for (size_t i = 0; i < rays.size(); ++i) {
+    RayBatch& b = batch[i / kBatch];
+    const size_t k = i % kBatch;
+    const Vec3 o = rays[i].origin, d = rays[i].direction;
+    b.origin[0][k] = o.x, b.origin[1][k] = o.y, b.origin[2][k] = o.z;
+    b.direction[0][k] = d.x, b.direction[1][k] = d.y, b.direction[2][k] = d.z;
+    b.limit[k] = kInfinity;
+    b.self.leaf[k] = rays[i].self.leaf, b.self.lane[k] = rays[i].self.lane;
+    b.self.instance[k] = rays[i].self.instance;
+    b.inward |= (rays[i].inward ? 1u : 0u) << k;
+    b.lanes |= 1u << k;
+  }
+  std::vector<HitBatch> hits(n);
+  std::vector<u32> met(n);
+  kernels(isa).intersect(scene.view(), batch.data(), n, tree, hits.data());
+  kernels(isa).occluded(scene.view(), batch.data(), n, tree, met.data());
+  Answers answers;
+  for (size_t i = 0; i < rays.size(); ++i) {
+    answers.hits.push_back(hit_at(hits[i / kBatch], i % kBatch));
+    answers.blocked.push_back((met[i / kBatch] >> i % kBatch & 1u) != 0);
+  }
+  return answers;
 }
 
 // What a program of tests returns in the end, without threads that sanitizers would take for lost.

@@ -58,21 +58,13 @@ void rays_meet_the_same_through_the_tree_and_without() {
                       kNoSlot,
                       false});
     }
-    const std::vector<float> limit(rays.size(), kInfinity);
-    std::vector<Hit> tree(rays.size()), brute(rays.size());
-    std::vector<u8> blocked(rays.size());
     for (const std::string& isa : instruction_sets()) {
-      kernels(isa).intersect(scene.view(), rays.data(), limit.data(), rays.size(), true,
-                             tree.data());
-      kernels(isa).intersect(scene.view(), rays.data(), limit.data(), rays.size(), false,
-                             brute.data());
-      kernels(isa).occluded(scene.view(), rays.data(), limit.data(), rays.size(), true,
-                            blocked.data());
+      const Answers tree = ask(scene, rays, true, isa), brute = ask(scene, rays, false, isa);
       for (size_t i = 0; i < rays.size(); ++i) {
-        const bool hit = tree[i].slot.leaf != kNone;
-        CHECK(tree[i].t == brute[i].t && tree[i].slot.leaf == brute[i].slot.leaf &&
-              tree[i].slot.lane == brute[i].slot.lane);
-        CHECK(hit == (blocked[i] != 0));
+        const Hit &a = tree.hits[i], &b = brute.hits[i];
+        const bool hit = a.slot.leaf != kNone;
+        CHECK(a.t == b.t && a.slot.leaf == b.slot.leaf && a.slot.lane == b.slot.lane);
+        CHECK(hit == tree.blocked[i] && hit == brute.blocked[i]);
       }
     }
   }
@@ -196,7 +188,7 @@ void rays_together_meet_what_each_meets() {
 
 // Sixteen rays close to each other, as of a camera with a lens or without.
 struct Rays {
-  baseline::Rows<Vec3, baseline::kBatch> origin, direction;
+  baseline::Rows<Vec3, kBatch> origin, direction;
 
   explicit Rays(u32 i, const baseline::Sampler& s) {
     using namespace baseline;
@@ -335,13 +327,9 @@ void lines_stop_nothing() {
     const Vec3 way = {target.x - from.x, target.y - from.y, target.z - from.z};
     const float unit = static_cast<float>(1.0 / scene.view().unit);
     const Ray ray = {{from.x * unit, from.y * unit, from.z * unit}, way, kNoSlot, false};
-    const float limit = kInfinity;
     for (const bool tree : {true, false}) {
-      Hit hit;
-      u8 blocked = 1;
-      kernels().intersect(scene.view(), &ray, &limit, 1, tree, &hit);
-      kernels().occluded(scene.view(), &ray, &limit, 1, tree, &blocked);
-      CHECK(hit.slot.leaf == kNone && blocked == 0);
+      const Answers answers = ask(scene, {ray}, tree);
+      CHECK(answers.hits[0].slot.leaf == kNone && !answers.blocked[0]);
     }
   }
 }
@@ -366,6 +354,7 @@ void rays_of_users_meet_the_same_by_all_threads() {
     std::vector<double> distance;
     std::vector<std::int32_t> shape, instances;
     std::vector<std::int64_t> primitive, copy;
+    std::vector<HitRay> looked;
     std::vector<Met> met;
     std::vector<u8> blocked;
 
@@ -375,14 +364,15 @@ void rays_of_users_meet_the_same_by_all_threads() {
           instances(rays.n),
           primitive(rays.n),
           copy(rays.n),
+          looked(rays.n),
           met(rays.n),
           blocked(rays.n) {
-      check(rays);
       const Stop never = [] { return false; };
       CHECK(intersect(of, kernels(), rays, tree,
                       {distance.data(), shape.data(), primitive.data(), instances.data(),
-                       copy.data(), met.data()},
+                       copy.data(), looked.data()},
                       never));
+      CHECK(find_points(of, looked.data(), rays.n, met.data(), never));
       CHECK(occluded(of, kernels(), rays, tree, blocked.data(), never));
     }
   };
@@ -403,12 +393,12 @@ void rays_of_users_meet_the_same_by_all_threads() {
   const Found second(scene, rays, true), slowly(scene, rays, false);
   CHECK(second.distance == slowly.distance && second.primitive == slowly.primitive);
   from[5].slot = kNoSlot;
-  CHECK(message_of([&] { check(rays); }).find("origins[5] has met nothing") == 0);
+  CHECK(message_of([&] { Found(scene, rays, true); }).find("origins[5] has met nothing") == 0);
   omp_set_num_threads(omp_get_num_procs());
   rays = {n, rows(origins), nullptr, rows(directions), limits};
   directions[7] = {0.0, 0.0, 0.0};
   origins[6][1] = NAN;
-  CHECK(message_of([&] { check(rays); }).find("origins[6] is (") == 0);
+  CHECK(message_of([&] { Found(scene, rays, true); }).find("origins[6] is (") == 0);
 }
 
 }  // namespace

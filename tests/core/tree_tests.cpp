@@ -198,10 +198,7 @@ void hard_cases_build() {
   g.arrays = {{"centers", centers.data(), true, false, 3}, {"radii", radii.data(), true, false, 1}};
   const Scene scene(input_of({g}, Cloud::materials()));
   const Ray ray = {{0.9f, 0.9f, 0.9f}, {-0.57735026f, -0.57735026f, -0.57735026f}, kNoSlot, false};
-  const float limit = kInfinity;
-  Hit tree, brute;
-  kernels().intersect(scene.view(), &ray, &limit, 1, true, &tree);
-  kernels().intersect(scene.view(), &ray, &limit, 1, false, &brute);
+  const Hit tree = ask(scene, {ray}, true).hits[0], brute = ask(scene, {ray}, false).hits[0];
   CHECK(tree.slot.leaf != kNone && tree.t == brute.t && tree.slot.leaf == brute.slot.leaf);
 }
 
