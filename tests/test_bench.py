@@ -363,6 +363,11 @@ def test_rays_and_how_many_get_out_of_a_closed_mesh(tmp_path: Path):
         asked = [row.most_ratio for row in measured if row.name == "embreex packets"]
         assert asked == [None, None]  # a camera's rays and towards the sun, as a figure alone
         assert of["shadow", "embreex"].most_ratio == 1.0
+    if ("bounce", "embreex public") in of:
+        one, other = of["bounce", "embreex public"], of["bounce", "parhelion public"]
+        assert one.against == other.name
+        assert one.ratios == [one.runs[0] / other.runs[0]]
+        assert ("tree", "embreex public") not in of
     if ("bounce", "embreex robust") in of:
         # that these are rays which can get lost
         default = of["lost at edges", "embreex"].runs[0]

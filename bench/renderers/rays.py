@@ -22,7 +22,7 @@ import parhelion as ph
 from parhelion import _core
 from parhelion.flatten import flatten
 
-from ..rays import ANY, EMBREE, OURS, PACKETS, PUBLIC, ROBUST, at_edges, onwards
+from ..rays import ANY, EMBREE, OURS, PACKETS, PUBLIC, ROBUST, WRAPPED, at_edges, onwards
 from ..scenes import BenchError
 
 # Of origins and directions, (n, 3) each, and whether any hit will do: which rays hit, or how far,
@@ -139,6 +139,28 @@ class _Embree:
     scene = tree  # there is nothing more to one
 
 
+class _Wrapped:
+    """By what embreex has for Python: all that it tells of hits, as ph.intersect tells all."""
+
+    def __init__(self, arrays: dict[str, Any]) -> None:
+        self.arrays = arrays
+
+    def tree(self) -> Query:
+        made = import_module("embreex.rtcore_scene").EmbreeScene()
+        mesh = import_module("embreex.mesh_construction").TriangleMesh
+        mesh(made, self.arrays["vertices"], self.arrays["faces"].astype(np.int32))
+
+        def query(origins: np.ndarray, directions: np.ndarray, any_hit: bool) -> np.ndarray:
+            if any_hit:
+                return made.run(origins, directions, query="OCCLUDED") >= 0
+            told = made.run(origins, directions, output=True)
+            return np.where(told["primID"] >= 0, told["tfar"], np.inf)
+
+        return query
+
+    scene = tree
+
+
 def _at(array: np.ndarray) -> int:
     assert array.flags.c_contiguous
     assert array.dtype in (np.float32, np.uint32, bool)
@@ -184,4 +206,5 @@ PROGRAMS: dict[str, Any] = {
     ROBUST: partial(_Embree, robust=True),
     f"{EMBREE} {PACKETS}": partial(_Embree, packets=True),
     f"{ROBUST} {PACKETS}": partial(_Embree, robust=True, packets=True),
+    WRAPPED: _Wrapped,
 }
