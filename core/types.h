@@ -71,11 +71,12 @@ struct Hit {
   Slot slot;
 };
 
-// What many of are dealt with at once, each step for so many before the next: loops of a fixed
-// length, which compilers turn into vectors.
+// So many samples, or rays, are dealt with at once, each step for all of them before the next:
+// loops of a fixed length, which compilers turn into vectors.
 inline constexpr u32 kBatch = 16;
 
-// Rays and hits by component, as they cross from host to kernel. Each looks up to its limit.
+// Rays, each of which looks up to its limit, and what they hit, by component, as they cross from
+// host to kernel.
 struct SlotBatch {
   u32 leaf[kBatch], lane[kBatch], instance[kBatch];
 };

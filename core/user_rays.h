@@ -2,7 +2,6 @@
 // normalised units, from where they enter the scene's bounds, since float is too coarse far away.
 #pragma once
 #include "camera.h"
-#include "view.h"
 
 namespace parhelion {
 
