@@ -86,7 +86,7 @@ struct RayBatch {
   u32 inward;  // bit k: ray k
   u32 lanes;   // those that are asked; the others are numbers
 };
-struct HitBatch {
+struct HitBatch {  // of lanes that are not asked it tells nothing
   alignas(64) float t[kBatch];
   SlotBatch slot;
 };

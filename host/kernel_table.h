@@ -46,7 +46,7 @@ struct Kernels {
   void (*render_region)(const SceneView&, const RenderView&, const Region&, PathStats&);
   // The radiance of one sample.
   Vec3 (*radiance)(const SceneView&, const RenderView&, u32 x, u32 y, u32 sample);
-  // Users' rays as those that follow (core/user_rays.h).
+  // Users' rays made ready for the next two (core/user_rays.h); false if some may be none.
   bool (*begin_rays)(const Box& bounds, double scale, bool enters, UserBatch&, RayBatch&,
                      double (&skipped)[kBatch]);
   // The nearest hits of n batches of rays, or the lanes of each that meet anything.

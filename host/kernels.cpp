@@ -92,7 +92,8 @@ constexpr float kFar = 0.125f;
 // they meet is found for all at once. False where it is not.
 template <bool kAny>
 bool asked_together(const SceneView& scene, const RayBatch& rays, Packet& packet) {
-  const u32 lanes = rays.lanes & bits(all(0.0f) < load(rays.limit));  // others look nowhere
+  // Those that look nowhere, as they pass the scene by, may go anywhere.
+  const u32 lanes = rays.lanes & bits(all(0.0f) < load(rays.limit));
   if (lanes == 0 || !same_signs(packet.direction, lanes)) return false;
   const u32 first = lowest_bit(lanes);
   for (const float (&row)[kBatch] : rays.origin) {
@@ -108,6 +109,8 @@ template <class Result, class F>
 void for_each_batch(const RayBatch* rays, u64 n, Result* result, F&& f) {
   for (u64 i = 0; i < n; ++i) {
     Packet packet;
+    static_assert(sizeof(rays->origin) == sizeof(packet.origin.row));
+    static_assert(sizeof(rays->self) == sizeof(packet.self));
     compiler::copy(packet.origin.row, rays[i].origin, sizeof(rays[i].origin));
     compiler::copy(packet.direction.row, rays[i].direction, sizeof(rays[i].direction));
     compiler::copy(&packet.self, &rays[i].self, sizeof(packet.self));

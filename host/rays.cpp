@@ -10,7 +10,6 @@
 #include <limits>
 #include <string>
 
-#include "../core/camera.h"
 #include "../core/path.h"
 #include "errors.h"
 #include "place.h"
@@ -57,7 +56,9 @@ std::string problem(const UserRays& rays, size_t i) {
                      : no_vector("origins", vector(rays.origins, i));
   }
   if (!goes(rays, i)) return no_vector("directions", vector(rays.directions, i));
-  return wrong("limits", "is " + text(rays.limits.at(i, 0)) + "; must be >= 0");
+  const double limit = rays.limits.at(i, 0);
+  if (!(limit >= 0.0)) return wrong("limits", "is " + text(limit) + "; must be >= 0");
+  return "the arrays were changed while they were read";
 }
 
 // Numbers of `count` rays from `first` on, by component; after the last ray it goes on with that.
@@ -159,8 +160,9 @@ bool for_rays(const Scene& scene, const Kernels& kernels, const UserRays& rays, 
     }
     if (none.load(std::memory_order_relaxed) == rays.n) f(from, to - from, batch, skipped);
   });
+  if (!all) return false;  // not all were looked at
   if (none < rays.n) throw SceneError(problem(rays, none));
-  return all;
+  return true;
 }
 
 Met point_of(const SceneView& view, const HitRay& ray) {

@@ -9,8 +9,8 @@
 
 namespace parhelion {
 
-// A ray, and what it has met: all that it takes to tell the point when that is asked for.
-// Normalised units.
+// A ray, and what it has met: all that it takes to tell the point when that is asked for. The hit's
+// leaf is kNone, and its distance means nothing, where nothing is met. Normalised units.
 struct HitRay {
   Vec3 origin, direction;
   Hit hit;
@@ -56,8 +56,8 @@ inline Hit hit_at(const HitBatch& hits, size_t k) {
 // Whether to stop: asked by the calling thread alone, some times a second.
 using Stop = std::function<bool()>;
 
-// Throw SceneError, naming the first ray that is none. tree: or else against each primitive. False
-// if it was stopped: some rays are not answered then.
+// False if it was stopped: some rays are not answered then. Else both throw SceneError, naming the
+// first ray that is none, if there is one. tree: or else against each primitive.
 bool intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
                const RayHits& hits, const Stop& stop);
 // Whether anything is in the way.

@@ -358,6 +358,25 @@ def test_ctrl_c_is_heard_however_slow_rays_are(threads: int) -> None:
     assert time.perf_counter() - began < 5  # all would take a minute
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+@pytest.mark.parametrize("threads", [1, 2])
+def test_ctrl_c_is_heard_where_something_is_no_ray(threads: int) -> None:
+    rng = RNG(6)
+    scene = ph.prepare(ph.Scene([ph.Spheres(rng.normal(size=(20_000, 3)), 0.01)]))
+    way = rng.random((8_000_000, 3), np.float32)
+    way[100] = 0
+    timer = threading.Timer(0.02, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    # before the arrays are through, or after the error: but never another
+    try:
+        with pytest.raises((ph.SceneError, KeyboardInterrupt)):
+            ph.occluded(scene, rng.normal(size=3), way, threads=threads)
+        timer.join()
+        time.sleep(0.01)
+    except KeyboardInterrupt:
+        pass
+
+
 def test_rays_that_memory_cannot_hold_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ph.prepare(ph.Scene([ph.Spheres([(0, 0, 0)], 1.0)]))
     monkeypatch.setattr(memory, "free", lambda **_: memory.Free(70_000, "free"))
@@ -384,6 +403,7 @@ def test_points_of_some_are_those_of_all() -> None:
     scene = ph.prepare(ph.Scene([ph.Spheres(rng.normal(size=(50, 3)), 0.3), globe(8, 2.0)]))
     hits = ph.intersect(scene, rng.normal(size=(9000, 3)), directions(9000), 1.0)
     some = rng.integers(0, 9000, 7000)
+    many = hits[np.repeat(some, 3)]
     before, apart = hits[some], ph.intersect(scene, hits[hits.hit], (0, 0, 1))
     position, normal = hits.position, hits.normal
     assert 0.2 < np.mean(np.isnan(normal[:, 0])) < 0.8
@@ -392,6 +412,7 @@ def test_points_of_some_are_those_of_all() -> None:
     for selected in (before, hits[some]):
         np.testing.assert_array_equal(selected.position, position[some])
         np.testing.assert_array_equal(selected.normal, normal[some])
+    np.testing.assert_array_equal(many.normal, np.repeat(normal[some], 3, axis=0))
     again = ph.intersect(scene, hits[hits.hit], (0, 0, 1))
     np.testing.assert_array_equal(again.distance, apart.distance)
 

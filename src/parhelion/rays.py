@@ -62,9 +62,10 @@ class Hits:
             raise SceneError(f"no such hits of {len(self)}: {error}") from None
         if of.ndim != 1:
             raise SceneError("hits are selected by a mask, a list of numbers or a slice")
-        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
-        some = replace(self, **{k: a[of] for k, a in arrays.items() if isinstance(a, np.ndarray)})
-        if "_points" in self.__dict__:
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        some = replace(self, **{k: a[of] for k, a in own.items() if isinstance(a, np.ndarray)})
+        # of what is repeated they are worked out once
+        if "_points" in self.__dict__ or len(of) > len(self):
             some.__dict__["_points"] = self._points[of]
         return some
 
