@@ -32,7 +32,7 @@ void for_unit_rays(const Scene& scene, const FloatRows& origins, const FloatRows
                    const float* limits, F&& f) {
   const float scale = static_cast<float>(scene.scale());
   const size_t n = origins.shape(0);
-  RayBatch batch[kRaysAtOnce / kBatch] = {};
+  RayBatch batch[kBatchesAtOnce] = {};
   for (RayBatch& b : batch) {
     std::fill_n(b.self.leaf, kBatch, kNoSlot.leaf);
     std::fill_n(b.self.instance, kBatch, kNoSlot.instance);
@@ -82,7 +82,7 @@ std::tuple<nb::object, nb::object> nearest(const Scene& scene, const FloatRows& 
     nb::gil_scoped_release unlocked;
     const SceneView& view = scene.view();
     const float unscale = static_cast<float>(1.0 / scene.scale());
-    HitBatch hits[kRaysAtOnce / kBatch];
+    HitBatch hits[kBatchesAtOnce];
     for_unit_rays(scene, origins, directions, nullptr,
                   [&](size_t first, const RayBatch* rays, size_t count) {
                     k.intersect(view, rays, count, tree, hits);
@@ -107,7 +107,7 @@ nb::object any(const Scene& scene, const FloatRows& origins, const FloatRows& di
   nb::object result = make_array<u8>({origins.shape(0)}, out);
   const Kernels& k = kernels(isa);
   nb::gil_scoped_release unlocked;
-  u32 met[kRaysAtOnce / kBatch];
+  u32 met[kBatchesAtOnce];
   for_unit_rays(scene, origins, directions, limits.data(),
                 [&](size_t first, const RayBatch* rays, size_t count) {
                   k.occluded(scene.view(), rays, count, tree, met);

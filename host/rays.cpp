@@ -149,8 +149,8 @@ bool for_rays(const Scene& scene, const Kernels& kernels, const UserRays& rays, 
               const Stop& stop, const F& f) {
   std::atomic<size_t> none{rays.n};  // the first that is no ray
   const bool all = in_turns(rays.n, tree ? kRaysAtOnce : kBatch, stop, [&](size_t from, size_t to) {
-    RayBatch batch[kRaysAtOnce / kBatch];
-    double skipped[kRaysAtOnce / kBatch][kBatch];
+    RayBatch batch[kBatchesAtOnce];
+    double skipped[kBatchesAtOnce][kBatch];
     for (size_t i = from; i < to; i += kBatch) {
       const size_t b = (i - from) / kBatch, count = std::min<size_t>(kBatch, to - i);
       const size_t good = begin(scene, kernels, rays, i, count, batch[b], skipped[b]);
@@ -191,7 +191,7 @@ bool intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays,
   return for_rays(
       scene, kernels, rays, tree, stop,
       [&](size_t from, size_t count, const RayBatch* batch, const double (*skipped)[kBatch]) {
-        HitBatch found[kRaysAtOnce / kBatch];
+        HitBatch found[kBatchesAtOnce];
         kernels.intersect(view, batch, batches(count), tree, found);
         for (size_t k = 0; k < count; ++k) {
           const size_t i = from + k, b = k / kBatch, lane = k % kBatch;
@@ -214,7 +214,7 @@ bool occluded(const Scene& scene, const Kernels& kernels, const UserRays& rays, 
               u8* found, const Stop& stop) {
   return for_rays(scene, kernels, rays, tree, stop,
                   [&](size_t from, size_t count, const RayBatch* batch, const auto*) {
-                    u32 met[kRaysAtOnce / kBatch];
+                    u32 met[kBatchesAtOnce];
                     kernels.occluded(scene.view(), batch, batches(count), tree, met);
                     for (size_t k = 0; k < count; ++k) {
                       found[from + k] = (met[k / kBatch] >> k % kBatch & 1u) != 0;

@@ -46,7 +46,7 @@ struct RayHits {
 };
 
 // As many rays, and what is found of them, as stay in the first cache (17 KB).
-inline constexpr size_t kRaysAtOnce = 256;
+inline constexpr size_t kRaysAtOnce = 256, kBatchesAtOnce = kRaysAtOnce / kBatch;
 
 inline size_t batches(size_t rays) { return (rays + kBatch - 1) / kBatch; }
 inline Hit hit_at(const HitBatch& hits, size_t k) {

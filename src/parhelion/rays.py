@@ -35,7 +35,7 @@ class Hits:
 
     hits[index], by a mask, numbers or a slice, are those of some rays. Points are worked out when
     they are first asked for, as by rays that set off from there, by as many threads as found the
-    hits, and take 44 bytes a ray then.
+    hits, and take 44 bytes a ray then: ResourceError where memory does not suffice.
     """
 
     scene: Prepared
