@@ -109,8 +109,12 @@ inline void weigh(Fork& f, Upkeep upkeep) {
 inline const Fork& fork(const Part& part, Upkeep upkeep, int levels, ForkRoom& room) {
   Fork& f = room.add(part, upkeep);
   const bool small = part.size <= kLeafSize;
-  // Centres that coincide stay together, unless there are more of them than a leaf holds.
-  if (part.size < 2 || (small && (part.is_point() || levels >= kMostForks))) return f;
+  // Two leaves cost more than one, however small, where one costs no more than what each does
+  // besides. Centres that coincide stay together, unless there are more than a leaf holds.
+  if (small && (part.size < 2 || part.box.half_area() <= upkeep.leaf || part.is_point() ||
+                levels >= kMostForks)) {
+    return f;
+  }
   Part left, right;
   halve(part, levels, left, right);
   if (small) {
