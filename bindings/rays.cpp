@@ -185,12 +185,14 @@ nb::object occluded_rays(const Scene& scene, size_t n,
   return result;
 }
 
-nb::object points(const Scene& scene, const NumberRows<kHitRayNumbers>& rays) {
+nb::object points(const Scene& scene, const NumberRows<kHitRayNumbers>& rays,
+                  const std::string& isa) {
+  const Kernels& k = kernels(isa);
   const size_t n = rays.shape(0);
   u32* met;
   nb::object result = make_array({n, kMetNumbers}, met);
   interruptibly([&](const Stop& stop) {
-    return find_points(scene, reinterpret_cast<const HitRay*>(rays.data()), n,
+    return find_points(scene, k, reinterpret_cast<const HitRay*>(rays.data()), n,
                        reinterpret_cast<Met*>(met), stop);
   });
   return result;
@@ -210,7 +212,7 @@ void bind_rays(nb::module_& m, nb::class_<Scene>& scene) {
         "limits"_a, "tree"_a, "isa"_a);
   m.def("occluded_rays", &occluded_rays, "scene"_a, "n"_a, "origins"_a, "directions"_a, "limits"_a,
         "tree"_a, "isa"_a);
-  m.def("points_met", &points, "scene"_a, "rays"_a);
+  m.def("points_met", &points, "scene"_a, "rays"_a, "isa"_a);
 }
 
 }  // namespace parhelion

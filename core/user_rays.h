@@ -1,5 +1,6 @@
 // Rays as users give them, in double and anywhere, as rays of the kernels: of unit length, in
 // normalised units, from where they enter the scene's bounds, since float is too coarse far away.
+// And what is kept of those that have met something.
 #pragma once
 #include "camera.h"
 
@@ -8,6 +9,22 @@ namespace parhelion {
 // By component. limit: how far is looked, in lengths and not in directions'.
 struct UserBatch {
   alignas(64) double origin[3][kBatch], direction[3][kBatch], limit[kBatch];
+};
+
+// A ray, and what it has met: all that it takes to tell the point when that is asked for. The hit's
+// leaf is kNone, and its distance means nothing, where nothing is met. Normalised units.
+struct HitRay {
+  Vec3 origin, direction;
+  Hit hit;
+};
+
+// The point of a surface that a ray has met: all that it takes to set off from there without
+// meeting the same surface again. Normalised units; NaN where nothing is met.
+struct Met {
+  Slot slot;
+  Vec3 point, normal;  // outward, unit
+  float error;         // the true surface is no farther from the point
+  u32 inside_out;      // whether the shape's inside is where its normals point to
 };
 
 }  // namespace parhelion

@@ -52,6 +52,8 @@ struct Kernels {
   // The nearest hits of n batches of rays, or the lanes of each that meet anything.
   void (*intersect)(const SceneView&, const RayBatch*, u64 n, bool tree, HitBatch*);
   void (*occluded)(const SceneView&, const RayBatch*, u64 n, bool tree, u32* lanes);
+  // The points that n rays have met.
+  void (*points_met)(const SceneView&, const HitRay*, u64 n, Met*);
   // The bodies that a point lies in, seen along a direction.
   Media (*media_around)(const SceneView&, Vec3 point, Vec3 direction, bool tree);
 

@@ -144,6 +144,38 @@ void occluded_all(const SceneView& scene, const RayBatch* rays, u64 n, bool tree
   });
 }
 
+void points_met(const SceneView& scene, const HitRay* rays, u64 n, Met* met) {
+  const float nan = kInfinity - kInfinity;
+  const Met nothing = {kNoSlot, {nan, nan, nan}, {nan, nan, nan}, 0.0f, 0u};
+  Paths paths = {};
+  Vertices found = {};
+  u64 ray[kBatch];
+  u32 count = 0;
+  const auto find = [&] {
+    find_surfaces(scene, paths, (1u << count) - 1, 0, found);
+    for (u32 k = 0; k < count; ++k) {
+      met[ray[k]] = {paths.slot.at(k), found.point.at(k), found.normal.at(k), found.error[k],
+                     found.inside_out[k]};
+    }
+    count = 0;
+  };
+  fill_lanes(paths.self, kNoSlot);
+  for (u64 i = 0; i < n; ++i) {
+    const HitRay& own = rays[i];
+    if (own.hit.slot.leaf == kNone) {
+      met[i] = nothing;
+      continue;
+    }
+    paths.origin.set(count, own.origin);
+    paths.direction.set(count, own.direction);
+    paths.t[count] = own.hit.t;
+    paths.slot.set(count, own.hit.slot);
+    ray[count] = i;
+    if (++count == kBatch) find();
+  }
+  if (count > 0) find();
+}
+
 Media bodies(const SceneView& scene, Vec3 point, Vec3 direction, bool tree) {
   return media_around(scene, point, direction, tree);
 }
@@ -254,9 +286,9 @@ void filter_offsets(const FilterTable& table, const float* u, u64 n, float* out)
 }  // namespace
 
 extern const Kernels kKernels;
-const Kernels kKernels = {
-    PH_TEXT(PH_ISA), render_row,   render_region, one_radiance, begin_rays,
-    intersect_all,   occluded_all, bodies,        warp,         warp_pdf,
-    bsdf_sample,     bsdf_eval,    light_sample,  draws,        filter_offsets};
+const Kernels kKernels = {PH_TEXT(PH_ISA), render_row,    render_region, one_radiance,
+                          begin_rays,      intersect_all, occluded_all,  points_met,
+                          bodies,          warp,          warp_pdf,      bsdf_sample,
+                          bsdf_eval,       light_sample,  draws,         filter_offsets};
 
 }  // namespace parhelion::PH_ISA

@@ -165,16 +165,6 @@ bool for_rays(const Scene& scene, const Kernels& kernels, const UserRays& rays, 
   return true;
 }
 
-Met point_of(const SceneView& view, const HitRay& ray) {
-  if (ray.hit.slot.leaf == kNone) {
-    const float none = std::numeric_limits<float>::quiet_NaN();
-    return {kNoSlot, {none, none, none}, {none, none, none}, 0.0f, 0u};
-  }
-  const baseline::Surface s =
-      baseline::surface_at(view, {ray.origin, ray.direction, kNoSlot, false}, ray.hit);
-  return {s.slot, s.point, s.normal, s.error, s.shape->inside_out ? 1u : 0u};
-}
-
 PrimitivePlace place_of(const SceneView& view, Slot slot) {
   if (slot.leaf == kNone) return {};
   return baseline::with_primitive(view, slot, [&](const auto&, u32 id) {
@@ -222,9 +212,10 @@ bool occluded(const Scene& scene, const Kernels& kernels, const UserRays& rays, 
                   });
 }
 
-bool find_points(const Scene& scene, const HitRay* rays, size_t n, Met* met, const Stop& stop) {
+bool find_points(const Scene& scene, const Kernels& kernels, const HitRay* rays, size_t n, Met* met,
+                 const Stop& stop) {
   return in_turns(n, kRaysAtOnce, stop, [&](size_t from, size_t to) {
-    for (size_t i = from; i < to; ++i) met[i] = point_of(scene.view(), rays[i]);
+    kernels.points_met(scene.view(), rays + from, to - from, met + from);
   });
 }
 

@@ -9,22 +9,6 @@
 
 namespace parhelion {
 
-// A ray, and what it has met: all that it takes to tell the point when that is asked for. The hit's
-// leaf is kNone, and its distance means nothing, where nothing is met. Normalised units.
-struct HitRay {
-  Vec3 origin, direction;
-  Hit hit;
-};
-
-// The point of a surface that a ray has met: all that it takes to set off from there without
-// meeting the same surface again. Normalised units.
-struct Met {
-  Slot slot;
-  Vec3 point, normal;  // outward, unit
-  float error;         // the true surface is no farther from the point
-  u32 inside_out;      // whether the shape's inside is where its normals point to
-};
-
 // In the user's units, of each of n rays. They set off from what others have met, on the side
 // that they go to, or, where `from` is null, from `origins`.
 struct UserRays {
@@ -64,7 +48,8 @@ bool intersect(const Scene& scene, const Kernels& kernels, const UserRays& rays,
 bool occluded(const Scene& scene, const Kernels& kernels, const UserRays& rays, bool tree,
               u8* found, const Stop& stop);
 
-// The points that n rays have met, NaN for none. False if it was stopped.
-bool find_points(const Scene& scene, const HitRay* rays, size_t n, Met* met, const Stop& stop);
+// The points that n rays have met. False if it was stopped.
+bool find_points(const Scene& scene, const Kernels& kernels, const HitRay* rays, size_t n, Met* met,
+                 const Stop& stop);
 
 }  // namespace parhelion

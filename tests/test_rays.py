@@ -173,7 +173,11 @@ def test_any_number_of_threads_and_all_instruction_sets_answer_alike() -> None:
     rng = RNG(9)
     copies = ph.Instances([ph.Spheres([(0, 0, 0)], 0.4), globe(5, 0.3)], [np.eye(4)] * 2)
     balls = ph.Spheres(rng.normal(size=(500, 3)), 0.1)
-    scene = ph.prepare(ph.Scene([globe(30), balls, copies, balls]))  # some coincide
+    ball = globe(9, 0.6)
+    smooth = ph.Mesh(ball.vertices, ball.faces, normals=-np.asarray(ball.vertices))
+    rods = ph.Cylinders(rng.normal(size=(20, 3)), rng.normal(size=(20, 3)), 0.1)
+    # some coincide
+    scene = ph.prepare(ph.Scene([globe(30), balls, copies, balls, smooth, rods]))
     n = 20_000  # more than one thread would take alone
     o, d = rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
     limits = rng.uniform(0, 8, n)

@@ -34,8 +34,8 @@ class Hits:
     int64, which of them. scene: what was asked, whose hits these remain: they cannot be pickled.
 
     hits[index], by a mask, numbers or a slice, are those of some rays. Points are worked out when
-    they are first asked for, as by rays that set off from there, by as many threads as found the
-    hits, and take 44 bytes a ray then: ResourceError where memory does not suffice.
+    they are first asked for, as by rays that set off from there, by the threads and instruction set
+    that found the hits, and take 44 bytes a ray then: ResourceError where memory does not suffice.
     """
 
     scene: Prepared
@@ -46,6 +46,7 @@ class Hits:
     copy: NDArray[np.int64]
     _rays: NDArray[np.uint32]
     _threads: int
+    _isa: str
 
     def __repr__(self) -> str:
         return f"<Hits: {np.count_nonzero(self.hit)} of {len(self)} rays>"
@@ -135,7 +136,7 @@ def intersect(
     prepared, asked = _asked(scene, origins, directions, limits, tree, isa)
     memory.require(asked[1] * _HIT_BYTES, f"what {asked[1]} rays meet", "ask for fewer at a time")
     with machine.threads(own := arguments.own_threads(threads)):
-        return Hits(prepared, *_core.intersect_rays(*asked), own)
+        return Hits(prepared, *_core.intersect_rays(*asked), own, isa)
 
 
 @memory.told
@@ -146,7 +147,7 @@ def _points(hits: Hits) -> NDArray[np.uint32]:
     n = len(hits)
     memory.require(n * _POINT_BYTES, f"the points of {n} hits", "ask for fewer at a time")
     with machine.threads(hits._threads):
-        return _core.points_met(hits.scene.core, hits._rays)
+        return _core.points_met(hits.scene.core, hits._rays, hits._isa)
 
 
 @memory.told

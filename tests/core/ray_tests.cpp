@@ -7,6 +7,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <random>
 #include <string>
@@ -372,8 +373,21 @@ void rays_of_users_meet_the_same_by_all_threads() {
                       {distance.data(), shape.data(), primitive.data(), instances.data(),
                        copy.data(), looked.data()},
                       never));
-      CHECK(find_points(of, looked.data(), rays.n, met.data(), never));
+      CHECK(find_points(of, kernels(), looked.data(), rays.n, met.data(), never));
       CHECK(occluded(of, kernels(), rays, tree, blocked.data(), never));
+      for (size_t i = 0; i < rays.n; ++i) {
+        const HitRay& ray = looked[i];
+        CHECK(met[i].slot.leaf == ray.hit.slot.leaf);
+        if (ray.hit.slot.leaf == kNone) {
+          CHECK(std::isnan(met[i].point.x) && std::isnan(met[i].normal.x));
+          continue;
+        }
+        const Ray own = {ray.origin, ray.direction, kNoSlot, false};
+        const baseline::Surface s = baseline::surface_at(of.view(), own, ray.hit);
+        CHECK(std::memcmp(&met[i].point, &s.point, sizeof s.point) == 0);
+        CHECK(std::memcmp(&met[i].normal, &s.normal, sizeof s.normal) == 0);
+        CHECK(met[i].error == s.error && (met[i].inside_out != 0) == s.shape->inside_out);
+      }
     }
   };
   UserRays rays{n, rows(origins), nullptr, rows(directions), limits};
