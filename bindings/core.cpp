@@ -27,6 +27,7 @@
 #include "../host/view.h"
 #include "arrays.h"
 #include "loading.h"
+#include "lock.h"
 #include "pixel.h"
 #include "rays.h"
 
@@ -365,14 +366,14 @@ void set_materials(Scene& scene, const nb::list& listed) {
   for (nb::handle m : listed) {
     materials.push_back(to_material(nb::cast<nb::dict>(m), bindings));
   }
-  nb::gil_scoped_release unlocked;
+  const Unlocked unlocked;
   scene.set_materials(std::move(materials));
 }
 
 void set_lights(Scene& scene, const nb::list& listed) {
   std::vector<LightInput> lights;
   for (nb::handle l : listed) lights.push_back(to_light(nb::cast<nb::dict>(l)));
-  nb::gil_scoped_release unlocked;
+  const Unlocked unlocked;
   scene.set_lights(std::move(lights));
 }
 
@@ -487,7 +488,7 @@ std::tuple<u64, u64, bool> render_all(const Scene& scene, std::span<const Part> 
   // on after it: nothing may be thrown through OpenMP.
   std::exception_ptr error;
   const Tick on_tick = [&](u64 samples, u64 rays) {
-    nb::gil_scoped_acquire locked;
+    const Locked locked;
     try {
       if (PyErr_CheckSignals() != 0) throw nb::python_error();
       return !tick.is_none() && nb::cast<bool>(tick(samples, rays));
@@ -498,7 +499,7 @@ std::tuple<u64, u64, bool> render_all(const Scene& scene, std::span<const Part> 
   };
   PassResult result;
   {
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     result = render_pass(k, scene, parts, options, on_tick);
   }
   traversal_seconds += result.traversal_seconds;
@@ -588,7 +589,7 @@ std::tuple<nb::object, nb::object, nb::object> film_arrays(const Film& film) {
   nb::object counts = make_array<u32>({film.height, film.width}, count);
   nb::object bads = make_array<u32>({film.height, film.width}, bad);
   {
-    const nb::gil_scoped_release released;
+    const Unlocked unlocked;
     film.means(rgb);
 #pragma omp parallel for schedule(static) if (film.pixels.size() > kFewElements)
     for (size_t i = 0; i < film.pixels.size(); ++i) {
@@ -625,7 +626,7 @@ nb::dict feature_arrays(const Film& film, double unit) {
   all["shape"] = make_array<i64>({film.height, film.width}, shape);
   all["material"] = make_array<i64>({film.height, film.width}, material);
   {
-    const nb::gil_scoped_release released;
+    const Unlocked unlocked;
     // Once over the film, of whose half a kilobyte a pixel little stays in caches.
 #pragma omp parallel for schedule(static) if (film.features.size() > kFewElements)
     for (size_t i = 0; i < film.features.size(); ++i) {
@@ -654,7 +655,7 @@ std::tuple<nb::object, nb::object> matte_arrays(const Film& film, const Indices&
   nb::object shapes = make_array<float>({film.height, film.width, kMatteRanks, 2}, shape);
   nb::object materials = make_array<float>({film.height, film.width, kMatteRanks, 2}, material);
   {
-    const nb::gil_scoped_release released;
+    const Unlocked unlocked;
     film.ranks(&FeaturePixel::shapes, {shape_ids.data(), shape_ids.size()}, shape);
     film.ranks(&FeaturePixel::materials, {material_ids.data(), material_ids.size()}, material);
   }
@@ -788,6 +789,7 @@ std::vector<double> filter_values(const std::string& filter, double radius,
 NB_MODULE(_core, m) {
   using namespace parhelion;
   m.doc() = "The renderer's compiled half; use the parhelion package instead.";
+  nb::set_leak_warnings(false);  // what threads use when Python ends is no leak to tell users of
 
   nb::register_exception_translator([](const std::exception_ptr& p, void*) {
     try {
@@ -806,7 +808,7 @@ NB_MODULE(_core, m) {
           "__init__",
           [](Scene* self, const nb::dict& parts, std::optional<u64> memory_limit) {
             SceneInput input = to_scene(parts);
-            nb::gil_scoped_release unlocked;
+            const Unlocked unlocked;
             new (self) Scene(std::move(input), memory_limit.value_or(~u64{0}));
           },
           "parts"_a, "memory_limit"_a.none() = nb::none())
@@ -826,7 +828,7 @@ NB_MODULE(_core, m) {
 
   nb::class_<Film>(m, "Film", "The sums of a rectangle of the picture.")
       .def(nb::init<u32, u32, u32, u32, bool, bool>(), "x"_a, "y"_a, "width"_a, "height"_a,
-           "features"_a = false, "errors"_a = false, nb::call_guard<nb::gil_scoped_release>())
+           "features"_a = false, "errors"_a = false, nb::call_guard<Unlocked>())
       .def("render", &render, "scene"_a, "view"_a, "targets"_a, nb::kw_only(), "threads"_a,
            "tile"_a, "schedule"_a, "isa"_a, "tick"_a.none())
       .def("begin", &begin, "counts"_a)

@@ -13,6 +13,7 @@
 #include "../loading/polygons.h"
 #include "../loading/rows.h"
 #include "arrays.h"
+#include "lock.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -41,7 +42,7 @@ u32 rows_of(const Array& a) {
 nb::object numbers(const Text& text) {
   std::vector<double> values;
   {
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     values = parse_numbers(view(text));
   }
   return adopt(std::move(values));
@@ -51,7 +52,7 @@ nb::tuple distinct(const Words& rows) {
   DistinctRows found;
   {
     const u32 n = rows_of(rows);
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     found = distinct_rows(rows.data(), n, static_cast<u32>(rows.shape(1)));
   }
   return nb::make_tuple(adopt(std::move(found.which)), adopt(std::move(found.first)));
@@ -63,7 +64,7 @@ nb::tuple shading(const Points<Real>& vertices, const Triangles& faces,
   ShadedMesh mesh;
   {
     const u32 n = rows_of(vertices), f = rows_of(faces);
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     mesh = shade(vertices.data(), n, faces.data(), f, crease);
   }
   float* normals;
@@ -85,7 +86,7 @@ nb::object polygons(const Points<double>& vertices, const Column& counts, const 
   std::vector<u32> places;
   {
     const u32 n = rows_of(counts);
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     places = triangulate(vertices.data(), counts.data(), n, corners.data());
   }
   return adopt(std::move(places), 3);
@@ -94,7 +95,7 @@ nb::object polygons(const Points<double>& vertices, const Column& counts, const 
 nb::dict obj(const Text& text) {
   ObjText found;
   {
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     found = parse_obj(view(text));
   }
   nb::list statements;

@@ -15,6 +15,7 @@
 #include "../host/kernels.h"
 #include "../host/rays.h"
 #include "arrays.h"
+#include "lock.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -79,7 +80,7 @@ std::tuple<nb::object, nb::object> nearest(const Scene& scene, const FloatRows& 
   nb::object ts = make_array<float>({origins.shape(0)}, t);
   nb::object ids = make_array<i64>({origins.shape(0)}, id);
   {
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     const SceneView& view = scene.view();
     const float unscale = static_cast<float>(1.0 / scene.scale());
     HitBatch hits[kBatchesAtOnce];
@@ -106,7 +107,7 @@ nb::object any(const Scene& scene, const FloatRows& origins, const FloatRows& di
   u8* out;
   nb::object result = make_array<u8>({origins.shape(0)}, out);
   const Kernels& k = kernels(isa);
-  nb::gil_scoped_release unlocked;
+  const Unlocked unlocked;
   u32 met[kBatchesAtOnce];
   for_unit_rays(scene, origins, directions, limits.data(),
                 [&](size_t first, const RayBatch* rays, size_t count) {
@@ -147,9 +148,9 @@ template <class F>
 void interruptibly(const F& f) {
   bool complete;
   {
-    nb::gil_scoped_release unlocked;
+    const Unlocked unlocked;
     complete = f([] {
-      nb::gil_scoped_acquire locked;
+      const Locked locked;
       return PyErr_CheckSignals() != 0;
     });
   }

@@ -104,6 +104,31 @@ def test_threads_sleep_soon_unless_the_user_says_how_they_wait(said: dict[str, s
         assert told[1] == said.get("GOMP_SPINCOUNT", "10000")
 
 
+@pytest.mark.parametrize(
+    "work",
+    [
+        "ph.render(scene, spp=10**6)",
+        "ph.render(scene, spp=10**6, progress=lambda told: None)",
+        "while True: ph.intersect(scene, np.zeros((10**6, 3)), (0, 0, 1))",
+        "while True: ph.prepare(ph.Scene([ph.Spheres(centers, 0.1)]))",
+    ],
+)
+def test_python_may_end_while_another_thread_is_at_work(work: str) -> None:
+    code = f"""
+import threading, time
+import numpy as np, parhelion as ph
+centers = np.random.default_rng(1).normal(size=(10**5, 3))
+scene = ph.prepare(ph.Scene([ph.Spheres(centers[:2000], 0.1)]))
+def work():
+    {work}
+threading.Thread(target=work, daemon=True).start()
+time.sleep(0.3)
+print("whole")
+"""
+    done = script(code)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "whole\n", "")
+
+
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="counts threads by Linux's /proc")
 @pytest.mark.parametrize("count", [1, 3])
 def test_no_more_threads_than_are_asked_for(count: int) -> None:
