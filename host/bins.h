@@ -14,8 +14,8 @@
 
 namespace parhelion::tree {
 
-// Of few primitives half as many bins tell as much; of many, two sets of them are filled in turns.
-inline constexpr size_t kBins = 16, kFewForBins = 64, kManyForBins = 256;
+// Of few primitives half as many bins tell as much.
+inline constexpr size_t kBins = 16, kFewForBins = 64;
 // Parts of fewer primitives are divided by bins, which are finer than grids.
 inline constexpr size_t kGridSize = 2048;
 
@@ -75,28 +75,16 @@ struct Bins {
   void fill(const Ref* refs, size_t n) {
     const Point base = Point::of(low), factor = Point::of(scale),
                 last = Point::all(static_cast<float>(kCount - 1));
-    const auto put = [&](const Ref& r, Bin(&to)[3][kCount]) {
-      float at[4];
-      min((center_of(r) - base) * factor, last).store(at);
-      for (int k = 0; k < 3; ++k) {
-        Bin& bin = to[k][static_cast<int>(at[k])];
-        bin.box.grow(r);
-        ++bin.count;
+    for_some(n, [&](size_t first, size_t count) {
+      const Ref* const some = refs + first;
+      int at[kSome][4];
+      for (size_t i = 0; i < count; ++i) {
+        min((center_of(some[i]) - base) * factor, last).truncate(at[i]);
       }
-    };
-    size_t i = 0;
-    if constexpr (kCount == kBins) {
-      if (n > kManyForBins) {
-        // Neighbours often share bins, where one would wait for what the other has stored.
-        Bin others[3][kCount];
-        for (; i + 1 < n; i += 2) {
-          put(refs[i], bins);
-          put(refs[i + 1], others);
-        }
-        grow(others);
+      for (size_t i = 0; i < count; ++i) {
+        for (int k = 0; k < 3; ++k) bins[k][at[i][k]].add(some[i]);
       }
-    }
-    for (; i < n; ++i) put(refs[i], bins);
+    });
   }
 
   void grow(const Bin (&more)[3][kCount]) {

@@ -43,6 +43,9 @@ struct Point {
     return {_mm_and_ps(_mm_loadu_ps(p), _mm_castsi128_ps(mask))};
   }
   void store(float (&p)[4]) const { _mm_storeu_ps(p, v); }
+  void truncate(int (&p)[4]) const {
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(p), _mm_cvttps_epi32(v));
+  }
   friend Point min(Point a, Point b) { return {_mm_min_ps(a.v, b.v)}; }
   friend Point max(Point a, Point b) { return {_mm_max_ps(a.v, b.v)}; }
   friend Point operator+(Point a, Point b) { return {_mm_add_ps(a.v, b.v)}; }
@@ -61,6 +64,9 @@ struct Point {
   static Point all(float x) { return {{x, x, x, x}}; }
   static Point of(const float* p) { return {{p[0], p[1], p[2], 0.0f}}; }
   void store(float (&p)[4]) const { std::copy(v, v + 4, p); }
+  void truncate(int (&p)[4]) const {
+    for (int k = 0; k < 4; ++k) p[k] = static_cast<int>(v[k]);
+  }
   template <class F>
   static Point each(Point a, Point b, F f) {
     for (int k = 0; k < 4; ++k) a.v[k] = f(a.v[k], b.v[k]);

@@ -495,6 +495,12 @@ class TreeBuilder {
 
   Ref ref_of(u32 id) const { return leaves_.ref(id); }
   const Ref& ref_of(const Ref& r) const { return r; }
+  // Of several: where they are, or made in `room`.
+  const Ref* refs_of(const u32* ids, size_t count, Ref* room) const {
+    std::transform(ids, ids + count, room, [&](u32 id) { return leaves_.ref(id); });
+    return room;
+  }
+  const Ref* refs_of(const Ref* refs, size_t, Ref*) const { return refs; }
 
   // The nodes over `items`, which go to `sorted` by what is below: primitives or numbers of these.
   // The first node is the uppermost. A part of no more than `enough` is not divided. False, where
@@ -527,13 +533,16 @@ class TreeBuilder {
     guard.check();
 #pragma omp parallel for schedule(static, 1) if (threads)
     for (size_t t = 0; t < chunks; ++t) {
-      for (size_t i = start(t), end = start(t + 1); i < end; ++i) {
-        const Ref& r = ref_of(items[i]);
-        const u32 c = grid.cell_of(r);
-        cell_of[i] = static_cast<std::uint16_t>(c);
-        bins[t][c].box.grow(r);
-        ++bins[t][c].count;
-      }
+      const size_t from = start(t);
+      for_some(start(t + 1) - from, [&](size_t first, size_t count) {
+        Ref room[kSome];
+        const Ref* const some = refs_of(items + from + first, count, room);
+        std::uint16_t* const at = cell_of.data() + from + first;
+        for (size_t i = 0; i < count; ++i) {
+          at[i] = static_cast<std::uint16_t>(grid.cell_of(some[i]));
+        }
+        for (size_t i = 0; i < count; ++i) bins[t][at[i]].add(some[i]);
+      });
     }
     std::vector<Bin> merged;
     const std::vector<Bin>* total = &bins[0];

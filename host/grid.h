@@ -63,8 +63,8 @@ struct Grid {
   size_t count() const { return size_t{size[0]} * size[1] * size[2]; }
   u32 index(u32 x, u32 y, u32 z) const { return x + size[0] * (y + size[1] * z); }
   u32 cell_of(const Ref& r) const {
-    float c[4];
-    min((center_of(r) - low) * scale, last).store(c);
+    int c[4];
+    min((center_of(r) - low) * scale, last).truncate(c);
     return index(static_cast<u32>(c[0]), static_cast<u32>(c[1]), static_cast<u32>(c[2]));
   }
 };
