@@ -14,6 +14,7 @@
 #include "../core/surface.h"
 #include "../host/kernels.h"
 #include "../host/rays.h"
+#include "../host/threads.h"
 #include "arrays.h"
 #include "lock.h"
 
@@ -206,6 +207,7 @@ void bind_rays(nb::module_& m, nb::class_<Scene>& scene) {
   columns["point"] = offsetof(Met, point) / sizeof(u32);
   columns["normal"] = offsetof(Met, normal) / sizeof(u32);
   m.attr("met_columns") = columns;
+  m.attr("few_rays") = kFewElements;  // one thread takes
   scene.def("intersect", &nearest, "origins"_a, "directions"_a, "tree"_a = true, "isa"_a = "")
       .def("occluded", &any, "origins"_a, "directions"_a, "limits"_a, "tree"_a = true,
            "isa"_a = "");

@@ -383,22 +383,31 @@ def test_ctrl_c_is_heard_where_something_is_no_ray(threads: int) -> None:
 
 def test_rays_that_memory_cannot_hold_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = ph.prepare(ph.Scene([ph.Spheres([(0, 0, 0)], 1.0)]))
-    monkeypatch.setattr(memory, "free", lambda **_: memory.Free(70_000, "free"))
-    o = np.zeros((1000, 3))
-    with pytest.raises(ph.ResourceError, match=r"what 1000 rays meet .* fewer at a time"):
+    monkeypatch.setattr(memory, "free", lambda **_: memory.Free(350_000, "free"))
+    o = np.zeros((5000, 3))
+    with pytest.raises(ph.ResourceError, match=r"what 5000 rays meet .* fewer at a time"):
         ph.intersect(scene, o, (0, 0, 1))
-    assert len(ph.occluded(scene, o, (0, 0, 1))) == 1000
-    some = ph.intersect(scene, o[:900], (0, 0, 1))
+    assert len(ph.occluded(scene, o, (0, 0, 1))) == 5000
+    some = ph.intersect(scene, o[:4500], (0, 0, 1))
     with monkeypatch.context() as scarce:
-        scarce.setattr(memory, "free", lambda **_: memory.Free(30_000, "free"))
+        scarce.setattr(memory, "free", lambda **_: memory.Free(150_000, "free"))
         for points in (
             lambda: some.position,
             lambda: some.normal,
-            lambda: ph.occluded(scene, some, -o[:900] + (0, 0, 1)),
+            lambda: ph.occluded(scene, some, -o[:4500] + (0, 0, 1)),
         ):
-            with pytest.raises(ph.ResourceError, match=r"the points of 900 hits .* fewer at"):
+            with pytest.raises(ph.ResourceError, match=r"the points of 4500 hits .* fewer at"):
                 points()
-    np.testing.assert_allclose(some.normal, np.tile((0, 0, 1), (900, 1)))
+    np.testing.assert_allclose(some.normal, np.tile((0, 0, 1), (4500, 1)))
+
+
+def test_of_a_few_rays_memory_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which takes ten times as long as they do."""
+    scene = ph.prepare(ph.Scene([ph.Spheres([(0, 0, 0)], 1.0)]))
+    monkeypatch.setattr(memory, "free", lambda **_: pytest.fail("asked"))
+    hits = ph.intersect(scene, np.zeros((_core.few_rays, 3)), (0, 0, 1))
+    np.testing.assert_allclose(hits.position, np.tile((0, 0, 1), (len(hits), 1)))
+    assert np.all(ph.occluded(scene, hits, (0, 0, -1)))
 
 
 def test_points_of_some_are_those_of_all() -> None:

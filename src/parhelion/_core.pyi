@@ -24,6 +24,7 @@ class Scene:
     ) -> tuple[Floats, Floats, Floats, Floats]: ...
 
 met_columns: dict[str, int]
+few_rays: int
 
 def intersect_rays(
     scene: Scene,

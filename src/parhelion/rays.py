@@ -134,7 +134,7 @@ def intersect(
     from . import _core
 
     prepared, asked = _asked(scene, origins, directions, limits, tree, isa)
-    memory.require(asked[1] * _HIT_BYTES, f"what {asked[1]} rays meet", "ask for fewer at a time")
+    _require(asked[1], _HIT_BYTES, "what {} rays meet")
     with machine.threads(own := arguments.own_threads(threads)):
         return Hits(prepared, *_core.intersect_rays(*asked), own, isa)
 
@@ -144,8 +144,7 @@ def _points(hits: Hits) -> NDArray[np.uint32]:
     """What rays set off from, and Hits.position and Hits.normal tell."""
     from . import _core
 
-    n = len(hits)
-    memory.require(n * _POINT_BYTES, f"the points of {n} hits", "ask for fewer at a time")
+    _require(len(hits), _POINT_BYTES, "the points of {} hits")
     with machine.threads(hits._threads):
         return _core.points_met(hits.scene.core, hits._rays, hits._isa)
 
@@ -168,9 +167,21 @@ def occluded(
     from . import _core
 
     _, asked = _asked(scene, origins, directions, limits, tree, isa)
-    memory.require(asked[1], f"an answer for {asked[1]} rays", "ask for fewer at a time")
+    _require(asked[1], 1, "an answer for {} rays")
     with machine.threads(arguments.own_threads(threads)):
         return _core.occluded_rays(*asked).view(np.bool_)
+
+
+def _require(n: int, each: int, what: str) -> None:
+    """Raises ResourceError where so many bytes for each of n rays are not free.
+
+    Of rays that are too few to start threads for it is not asked, which takes longer than they do:
+    they take as little as any program does now and then.
+    """
+    from . import _core
+
+    if n > _core.few_rays:
+        memory.require(n * each, what.format(n), "ask for fewer at a time")
 
 
 def _asked(
