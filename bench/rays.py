@@ -9,10 +9,11 @@ alone, and once more by `ph.intersect` and `ph.occluded`, which tell and check w
 Embree's one ray at a time, and of those that lie close together by packets of sixteen, too; its
 triangles by default, and by its robust flag, which shall let no ray through between neighbours; how
 many get out of the closed meshes at their edges and corners is told, too. What embreex itself has
-for Python, one ray at a time, stands beside `ph.intersect` and `ph.occluded` by one thread. And how
-long the tree takes, from the arrays that `_core.Scene` gets to the first ray and until the tree is
-gone, on one core of the processor; and for ours the whole scene, as it is made in Python, with all
-checks and a look at how much memory there is.
+for Python, one ray at a time, stands beside `ph.intersect` and `ph.occluded` by one thread, and
+again where each of some rays is a call of its own. And how long the tree takes, from the arrays
+that `_core.Scene` gets to the first ray and until the tree is gone, on one core of the processor;
+and for ours the whole scene, as it is made in Python, with all checks and a look at how much memory
+there is.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ SHAPES = ("triangles", "spheres")
 SCENES = ("helmet", "sponza", "classroom", "coffee")  # of the gallery
 BUILDS = ("tree", "scene")
 RAYS = ("camera", "shadow", "bounce", "any hit")
+ALONE = "one a call"  # of a camera's rays
 ANY = ("shadow", "any hit")  # of RAYS: whether anything is hit, or else what is the nearest
 SUN = np.float32([0.36, 0.8, 0.48])
 CLOSE = ("camera", "shadow")  # of RAYS: neighbours go nearly the same way
@@ -95,7 +97,7 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
                 if name == OURS:
                     raise
                 notes.add(f"{name} was not measured with {what}: {problem}")
-        kinds = (*BUILDS, *RAYS)
+        kinds = (*BUILDS, *RAYS, ALONE)
         speed: dict[tuple[str, str], list[float]] = {
             (k, name): [] for k in kinds for name in workers if _measured(k, name)
         }
@@ -104,12 +106,12 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
                 asked = [pair for pair in workers.items() if (kind, pair[0]) in speed]
                 for name, worker in in_turn(asked, turn):
                     answer = worker.ask({"rays": kind})
-                    if kind in RAYS:
+                    if kind not in BUILDS:
                         hits[kind, name] = answer["hits"]
                     if turn:  # the first is not counted: pages are touched
                         speed[kind, name].append(
                             answer["rays"] / answer["seconds"] / 1e6
-                            if kind in RAYS
+                            if kind not in BUILDS
                             else answer["seconds"]
                         )
         if closed:
@@ -123,14 +125,14 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
             worker.close()
     rows = []
     for (kind, name), values in speed.items():
-        more = kind in RAYS
+        more = kind not in BUILDS
         unit = "M/s" if more else "s"
         row = Row(f"{what}, {kind}", name, unit, values, more=more)
-        if name != OURS:
-            base = AGAINST.get(name, OURS)
+        base = AGAINST.get(name, OURS)
+        if base != name and (kind, base) in speed:
             pairs = ratios(values, speed[kind, base])
             if more:
-                ours, theirs = hits[kind, OURS], hits[kind, name]
+                ours, theirs = hits[kind, base], hits[kind, name]
                 if abs(theirs - ours) > SAME * max(theirs, ours):
                     notes.add(f"{what}, {kind}: {name} has {theirs} hits, not {ours}")
             row = replace(row, against=base, ratios=pairs)
@@ -150,6 +152,8 @@ def measured(plan: Any, notes: Any, path: Path, what: str, shape: str) -> list[R
 
 def _measured(kind: str, program: str) -> bool:
     """Whether that kind is asked of a program."""
+    if kind == ALONE:
+        return program in (PUBLIC, WRAPPED)
     if kind in BUILDS:
         return program not in (PUBLIC, WRAPPED) and PACKETS not in program
     if program == WRAPPED:

@@ -357,7 +357,8 @@ def test_rays_and_how_many_get_out_of_a_closed_mesh(tmp_path: Path):
     assert of["lost at edges", "parhelion"].runs == [0.0]
     assert of["lost at edges", "parhelion public"].runs == [0.0]
     assert of["any hit", "parhelion public"].ratios[0] > 0
-    assert ("tree", "parhelion public") not in of
+    assert of["one a call", "parhelion public"].runs[0] > 0
+    assert ("tree", "parhelion public") not in of and ("one a call", "parhelion") not in of
     assert of["shadow", "parhelion"].runs[0] > 0
     if ("camera", "embreex") in of:
         asked = [row.most_ratio for row in measured if row.name == "embreex packets"]
@@ -368,6 +369,7 @@ def test_rays_and_how_many_get_out_of_a_closed_mesh(tmp_path: Path):
         assert one.against == other.name
         assert one.ratios == [one.runs[0] / other.runs[0]]
         assert ("tree", "embreex public") not in of
+        assert of["one a call", "embreex public"].against == other.name
     if ("bounce", "embreex robust") in of:
         # that these are rays which can get lost
         default = of["lost at edges", "embreex"].runs[0]

@@ -22,12 +22,13 @@ import parhelion as ph
 from parhelion import _core
 from parhelion.flatten import flatten
 
-from ..rays import ANY, EMBREE, OURS, PACKETS, PUBLIC, ROBUST, WRAPPED, at_edges, onwards
+from ..rays import ALONE, ANY, EMBREE, OURS, PACKETS, PUBLIC, ROBUST, WRAPPED, at_edges, onwards
 from ..scenes import BenchError
 
 # Of origins and directions, (n, 3) each, and whether any hit will do: which rays hit, or how far,
 # infinity where they do not.
 Query = Callable[[np.ndarray, np.ndarray, bool], np.ndarray]
+CALLS = 4096  # of one ray each
 
 
 def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]], dict[str, Any]]]:
@@ -41,6 +42,8 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
     camera = scene["origins"], scene["directions"]
     few = scene["origins"][:1], scene["directions"][:1]
     rays = {"camera": camera, **onwards(*camera, query(*camera, False))}
+    spread = np.linspace(0, len(camera[0]) - 1, CALLS, dtype=np.int64)
+    rays[ALONE] = camera[0][spread], camera[1][spread]
     builds = {"tree": program.tree, "scene": program.scene}
 
     def answer(request: dict[str, Any]) -> dict[str, Any]:
@@ -56,7 +59,13 @@ def open(job: dict[str, Any]) -> tuple[dict[str, Any], Callable[[dict[str, Any]]
             return {"rays": len(at[0]), "hits": int(np.isfinite(query(*at, False)).sum())}
         origins, directions = rays[kind]
         begin = time.process_time()  # of one thread; the wall clock also counts others
-        found = query(origins, directions, kind in ANY)
+        if kind == ALONE:
+            each = range(len(origins))
+            found = np.concatenate(
+                [query(origins[i : i + 1], directions[i : i + 1], False) for i in each]
+            )
+        else:
+            found = query(origins, directions, kind in ANY)
         seconds = time.process_time() - begin
         hit = found if found.dtype == bool else np.isfinite(found)
         return {"seconds": seconds, "rays": len(origins), "hits": int(np.count_nonzero(hit))}
