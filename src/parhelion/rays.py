@@ -219,4 +219,4 @@ def _numbers(name: str, value: Any) -> NDArray[Any]:
     if array.shape not in (row, array.shape[:1] + row):
         wanted = "(n, 3) or (3,)" if row else "(n,) or one number"
         raise SceneError(f"{name} has shape {array.shape}; must be {wanted}")
-    return np.require(array, requirements=["C", "A"])
+    return array if array.flags.aligned else array.copy()
