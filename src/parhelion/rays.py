@@ -215,7 +215,8 @@ def _numbers(name: str, value: Any) -> NDArray[Any]:
     """One row, or an array of rows, in float32 or double."""
     if isinstance(value, Hits):
         raise SceneError(f"{name} are hits; only origins can be")
-    array, row = arguments.floats(name, value), _ROW[name]
+    array: NDArray[Any] = arguments.floats(name, value)
+    row = _ROW[name]
     if array.shape not in (row, array.shape[:1] + row):
         wanted = "(n, 3) or (3,)" if row else "(n,) or one number"
         raise SceneError(f"{name} has shape {array.shape}; must be {wanted}")
