@@ -490,8 +490,10 @@ std::tuple<u64, u64, bool> render_all(const Scene& scene, std::span<const Part> 
   const Tick on_tick = [&](u64 samples, u64 rays) {
     const Locked locked;
     try {
-      if (PyErr_CheckSignals() != 0) throw nb::python_error();
-      return !tick.is_none() && nb::cast<bool>(tick(samples, rays));
+      return or_wait_for_the_end([&] {
+        if (PyErr_CheckSignals() != 0) throw nb::python_error();
+        return !tick.is_none() && nb::cast<bool>(tick(samples, rays));
+      });
     } catch (...) {
       error = std::current_exception();
       return true;

@@ -7,16 +7,25 @@
 #include <nanobind/nanobind.h>
 
 #include <chrono>
+#include <exception>
 #include <thread>
 
 namespace parhelion {
 
+[[noreturn]] inline void wait_for_the_end() {
+  for (;;) std::this_thread::sleep_for(std::chrono::hours(1));
+}
+
+// What `take` returns, which needs Python.
 template <class F>
 auto or_wait_for_the_end(const F& take) {
+  if (!Py_IsInitialized()) wait_for_the_end();
   try {
     return take();
-  } catch (...) {  // neither call throws anything else; what unwinds a stack must not be caught
-    for (;;) std::this_thread::sleep_for(std::chrono::hours(1));
+  } catch (const std::exception&) {
+    throw;
+  } catch (...) {  // what unwinds a thread is no exception of anybody's
+    wait_for_the_end();
   }
 }
 

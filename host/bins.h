@@ -19,6 +19,15 @@ inline constexpr size_t kBins = 16, kFewForBins = 64;
 // Parts of fewer primitives are divided by bins, which are finer than grids.
 inline constexpr size_t kGridSize = 2048;
 
+// Calls f(first, count) for [0, n), some at a time: where these go is worked out before any is
+// added to its bin. A processor that has not yet worked out where it stores something holds back
+// what it reads from bins, or reads too early and begins again.
+inline constexpr size_t kSome = 16;
+template <class F>
+void for_some(size_t n, const F& f) {
+  for (size_t first = 0; first < n; first += kSome) f(first, std::min(kSome, n - first));
+}
+
 struct Part {
   Ref* refs;
   size_t size;

@@ -109,8 +109,9 @@ inline void weigh(Fork& f, Upkeep upkeep) {
 inline const Fork& fork(const Part& part, Upkeep upkeep, int levels, ForkRoom& room) {
   Fork& f = room.add(part, upkeep);
   const bool small = part.size <= kLeafSize;
-  // Two leaves cost more than one, however small, where one costs no more than what each does
-  // besides. Centres that coincide stay together, unless there are more than a leaf holds.
+  // A second leaf costs its upkeep at least, so two are no better where the part's own surface is
+  // no more than that. Centres that coincide stay together, unless there are more than a leaf
+  // holds.
   if (small && (part.size < 2 || part.box.half_area() <= upkeep.leaf || part.is_point() ||
                 levels >= kMostForks)) {
     return f;

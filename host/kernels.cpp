@@ -145,7 +145,7 @@ void occluded_all(const SceneView& scene, const RayBatch* rays, u64 n, bool tree
 }
 
 void points_met(const SceneView& scene, const HitRay* rays, u64 n, Met* met) {
-  const float nan = kInfinity - kInfinity;
+  const float nan = __builtin_nanf("");
   const Met nothing = {kNoSlot, {nan, nan, nan}, {nan, nan, nan}, 0.0f, 0u};
   Paths paths = {};
   Vertices found = {};

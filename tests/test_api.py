@@ -109,6 +109,7 @@ def test_threads_sleep_soon_unless_the_user_says_how_they_wait(said: dict[str, s
     [
         "ph.render(scene, spp=10**6)",
         "ph.render(scene, spp=10**6, progress=lambda told: None)",
+        "ph.render(scene, spp=10**6, progress=lambda told: time.sleep(0.05))",
         "while True: ph.intersect(scene, np.zeros((10**6, 3)), (0, 0, 1))",
         "while True: ph.prepare(ph.Scene([ph.Spheres(centers, 0.1)]))",
     ],
