@@ -1,8 +1,9 @@
 // Python's lock, let go while the core works and taken again to ask Python something.
 //
 // When Python ends while other threads are at work it ends each that asks for the lock from then
-// on, before 3.14 by unwinding its stack, which aborts the process at the first destructor. Such a
-// thread waits instead for the process to end, which is soon.
+// on, here or in a function of the user's that is called from here, before 3.14 by unwinding its
+// stack, which aborts the process at the first destructor. Such a thread waits instead for the
+// process to end, which is soon.
 #pragma once
 #include <nanobind/nanobind.h>
 
