@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -134,8 +135,8 @@ def intersect(
     from . import _core
 
     prepared, asked = _asked(scene, origins, directions, limits, tree, isa)
-    _require(asked[1], _HIT_BYTES, "what {} rays meet")
-    with machine.threads(own := arguments.own_threads(threads)):
+    own = arguments.own_threads(threads)
+    with _means(asked[1], own, _HIT_BYTES, "what {} rays meet"):
         return Hits(prepared, *_core.intersect_rays(*asked), own, isa)
 
 
@@ -144,8 +145,7 @@ def _points(hits: Hits) -> NDArray[np.uint32]:
     """What rays set off from, and Hits.position and Hits.normal tell."""
     from . import _core
 
-    _require(len(hits), _POINT_BYTES, "the points of {} hits")
-    with machine.threads(hits._threads):
+    with _means(len(hits), hits._threads, _POINT_BYTES, "the points of {} hits"):
         return _core.points_met(hits.scene.core, hits._rays, hits._isa)
 
 
@@ -167,21 +167,22 @@ def occluded(
     from . import _core
 
     _, asked = _asked(scene, origins, directions, limits, tree, isa)
-    _require(asked[1], 1, "an answer for {} rays")
-    with machine.threads(arguments.own_threads(threads)):
+    with _means(asked[1], arguments.own_threads(threads), 1, "an answer for {} rays"):
         return _core.occluded_rays(*asked).view(np.bool_)
 
 
-def _require(n: int, each: int, what: str) -> None:
-    """Raises ResourceError where so many bytes for each of n rays are not free.
+def _means(n: int, threads: int, each: int, what: str) -> AbstractContextManager[None]:
+    """For what the block asks of n rays: so many threads, and bytes for each ray.
 
-    Of rays that are too few to start threads for it is not asked, which takes longer than they do:
-    they take as little as any program does now and then.
+    Few rays are one thread's, and take as little memory as any program does now and then: to see
+    to either would take longer than they do. Raises ResourceError where memory does not suffice.
     """
     from . import _core
 
-    if n > _core.few_rays:
-        memory.require(n * each, what.format(n), "ask for fewer at a time")
+    if n <= _core.few_rays:
+        return nullcontext()
+    memory.require(n * each, what.format(n), "ask for fewer at a time")
+    return machine.threads(threads)
 
 
 def _asked(
