@@ -1,6 +1,6 @@
-// Rays as users give them, in double and anywhere, as rays of the kernels: of unit length, in
-// normalised units, from where they enter the scene's bounds, since float is too coarse far away.
-// And what is kept of those that have met something.
+// Rays of users: what they give, in double and anywhere, becomes rays of the kernels, of unit
+// length and in normalised units, from where they enter the scene's bounds, since float is too
+// coarse far away; what these have met is kept for those that set off from there.
 #pragma once
 #include "camera.h"
 

@@ -402,7 +402,7 @@ def test_rays_that_memory_cannot_hold_are_refused(monkeypatch: pytest.MonkeyPatc
 
 
 def test_of_a_few_rays_memory_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Which takes ten times as long as they do."""
+    """Which takes several times as long as they do."""
     scene = ph.prepare(ph.Scene([ph.Spheres([(0, 0, 0)], 1.0)]))
     monkeypatch.setattr(memory, "free", lambda **_: pytest.fail("asked"))
     hits = ph.intersect(scene, np.zeros((_core.few_rays, 3)), (0, 0, 1))

@@ -175,7 +175,7 @@ def _means(n: int, threads: int, each: int, what: str) -> AbstractContextManager
     """For what the block asks of n rays: so many threads, and bytes for each ray.
 
     Few rays are one thread's, and take as little memory as any program does now and then: to see
-    to either would take longer than they do. Raises ResourceError where memory does not suffice.
+    to both would take several times as long. Raises ResourceError where memory does not suffice.
     """
     from . import _core
 
