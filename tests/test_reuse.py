@@ -344,6 +344,22 @@ def test_what_is_next_to_nothing_in_one_colour_tells_nothing_of_others(
     assert mean_p(gap, np.zeros(gap.shape[1:])) > SIGNIFICANCE
 
 
+def test_densities_may_be_next_to_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    """A floor sees balls from where Beckmann's slopes send next to nothing of what they mirror."""
+    gold = ph.Material(
+        "conductor", roughness=0.45, distribution="beckmann", compensation="off", color=(1, 0.7, 0)
+    )
+    places = [(x, y, 0.5) for x in (-1.2, 0, 1.2) for y in (-1.2, 0, 1.2)]
+    balls = ph.Spheres(np.array(places), 0.5, gold)
+    floor = quad((-4, -4, 0), (8, 0, 0), (0, 8, 0))
+    camera = ph.Camera(eye=(0, -6, 3), target=(0, 0, 0.3), up=(0, 0, 1), vfov=30)
+    scene = ph.prepare(ph.Scene(shapes=[balls, floor], camera=camera))
+    alone, shared = means_of_parts(scene, max_depth=8)
+    assert not caplog.records
+    gap = shared - alone
+    assert mean_p(gap, np.zeros(gap.shape[1:])) > SIGNIFICANCE
+
+
 RUNS = [(scene, "sobol") for scene in SCENES] + [("things", "independent")]
 
 

@@ -25,8 +25,9 @@ namespace parhelion::PH_ISA {
 inline constexpr u32 kReused = kBatch;
 // Of the least of red, green and blue that a first surface scatters: less does not tell what came.
 inline constexpr float kLeastShare = 1.0f / 256.0f;
-// And of a glossy second one, over the density of being sampled.
-inline constexpr float kLeastSent = 1e-12f;
+// And of a glossy second one, over the density of being sampled; and of the latter, by itself and
+// times that of going there, as the inverse of less has no bound.
+inline constexpr float kLeastSent = 1e-12f, kLeastSentDensity = 1e-30f;
 
 // Forms that scatter alike towards everywhere, but for a mirror image and what they let out there.
 template <class Form>
@@ -406,18 +407,21 @@ PH_INLINE void share(u32 ways, Density&& density, Light&& light, float most_indi
 }
 
 // Of what a glossy second surface sends along some ways, those that tell each other's light: what
-// is next to nothing in a colour, as Beckmann's slopes are far from a mirror image, does not.
-PH_INLINE u32 telling(u32 ways, const Rows<BsdfValue, kReused>& sent) {
+// is next to nothing in a colour, or as a density, as Beckmann's slopes are far from a mirror
+// image, does not.
+PH_INLINE u32 telling(u32 seen, const Ways& ways, const Rows<BsdfValue, kReused>& sent) {
   Vec3 most = {0, 0, 0};
-  for_each_bit(ways, [&](u32 i) { most = max(most, sent.at(i).value); });
+  for_each_bit(seen, [&](u32 i) { most = max(most, sent.at(i).value); });
   u32 found = 0;
-  for_each_bit(ways, [&](u32 i) {
+  for_each_bit(seen, [&](u32 i) {
     const BsdfValue f = sent.at(i);
     const auto tells = [&](float value, float any) {
       return any == 0.0f || value > kLeastSent * f.pdf;
     };
+    const float joint = ways.density[i] * f.pdf;
     const bool all = tells(f.value.x, most.x) && tells(f.value.y, most.y) &&
-                     tells(f.value.z, most.z) && f.pdf > 0.0f && f.pdf < kInfinity;
+                     tells(f.value.z, most.z) && min(f.pdf, joint) > kLeastSentDensity &&
+                     max(f.pdf, joint) < kInfinity;
     found |= (all ? 1u : 0u) << i;
   });
   return found;
@@ -427,7 +431,7 @@ PH_INLINE u32 telling(u32 ways, const Rows<BsdfValue, kReused>& sent) {
 PH_INLINE void share_sent(const PathGroup& g, u32 j, u32 seen, const Ways& ways,
                           const Rows<BsdfValue, kReused>& sent, float most_indirect,
                           Vec3 (&radiance)[kReused]) {
-  const u32 telling_ways = telling(seen, sent);
+  const u32 telling_ways = telling(seen, ways, sent);
   if ((telling_ways >> j & 1u) == 0) {
     radiance[j] += g.shared.at(j) + g.weighed.at(j);
     return;

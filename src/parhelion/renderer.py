@@ -605,18 +605,15 @@ def _report_bad(prepared: Prepared, view: Any, image: Image, bad: NDArray[np.uin
         ),
         None,
     )
+    if sample is None:
+        first = f"in pixel {x},{y}; none of its paths is so alone, but they share what they find"
+    else:
+        first = (
+            f"sample {sample} of pixel {x},{y} (`parhelion pixel SCENE {x} {y} {sample} --seed "
+            f"{image.settings.seed}`, with the picture's other options, shows its path)"
+        )
     log.warning(
-        "%d samples were not finite and count as black; the first is sample %s of pixel %d,%d"
-        " (`parhelion pixel SCENE %d %d %s --seed %d`, with the picture's other options, shows its"
-        " path)",
-        int(bad.sum()),
-        sample,
-        x,
-        y,
-        x,
-        y,
-        "" if sample is None else sample,
-        image.settings.seed,
+        "%d samples were not finite and count as black; the first is %s", int(bad.sum()), first
     )
 
 
