@@ -7,11 +7,12 @@
 // ray: all places within r of the curve as the ray sees it. Linear and B-spline curves are Bezier
 // curves as well.
 //
-// The curve is halved, leaving out what the ray passes by, until a piece is nearly straight and of
-// nearly even taper. There a cone's equation gives a first guess, and Newton's method the place on
-// the curve itself. In the spirit of T. Reshetov and D. Luebke, "Phantom Ray-Hair Intersector",
-// HPG 2018, for the cones, and of K. Nakamaru and Y. Ohno, "Ray Tracing for Curves Primitive",
-// WSCG 2002, for the halving. All of it is in double, so that hairs may be thin and far away.
+// Sixteen pieces of the curve are tested at once, in float, for whether the ray passes them by.
+// What is left is halved until a piece is nearly straight and of nearly even taper. There a cone's
+// equation gives a first guess, and Newton's method the place on the curve itself. In the spirit of
+// T. Reshetov and D. Luebke, "Phantom Ray-Hair Intersector", HPG 2018, for the cones, and of K.
+// Nakamaru and Y. Ohno, "Ray Tracing for Curves Primitive", WSCG 2002, for the halving. From the
+// guess on all is in double, so that hairs may be thin and far away.
 #pragma once
 #include "point.h"
 #include "sphere.h"
@@ -114,7 +115,7 @@ PH_INLINE CurveJet jet(const CurveSeen& c, double v) {
 
 // Control points of the piece from a to b.
 template <class T>
-PH_INLINE void piece_of(const T (&c)[4], double a, double b, T (&piece)[4]) {
+PH_INLINE constexpr void piece_of(const T (&c)[4], double a, double b, T (&piece)[4]) {
   const auto blossom = [&](double x, double y, double z) {
     const T p = c[0] * (1.0 - x) + c[1] * x, q = c[1] * (1.0 - x) + c[2] * x;
     const T r = c[2] * (1.0 - x) + c[3] * x;
@@ -133,8 +134,9 @@ struct CurveHit {
   bool leaving;
 };
 
-// Newton's method counts as arrived when it moves by less than this share of the radius.
-inline constexpr double kCurvePrecision = 1e-9;
+// Newton's method counts as arrived when it moves by less than this share of the radius: what is
+// left then is about the square of that.
+inline constexpr double kCurvePrecision = 1e-6;
 // Neighbours overlap by this share of a segment, that rounding leave no gap between them.
 inline constexpr double kCurveOverlap = 1e-7;
 
@@ -206,12 +208,25 @@ inline void meet_cap(const CurveSeen& c, bool end, F&& accept) {
   }
 }
 
-// Calls accept(hit) for the places where the ray meets a nearly straight piece, from v = a to b.
+// A piece of a curve, from v = a to b, with its control points, and by how much at most it bends
+// and its taper changes: the length of the control points' second differences.
+struct CurvePiece {
+  double a, b;
+  DVec3 point[4];
+  double radius[4], bend;
+};
+
+// Calls accept(hit) for the places where the ray meets a nearly straight piece, in no order; where
+// that is true, of two not for the farther one.
 // margin: how far outside of the piece, in its lengths, a guess may lie.
 // False if a guess has led astray, and a smaller piece would make better ones.
 template <class F>
-inline bool meet_piece(const CurveSeen& c, bool flat, double a, double b, double margin,
-                       const DVec3 (&point)[4], const double (&radius)[4], F&& accept) {
+inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, double margin,
+                       F&& accept) {
+  const double a = piece.a, b = piece.b;
+  const DVec3(&point)[4] = piece.point;
+  const double (&radius)[4] = piece.radius;
+  double enough = static_cast<double>(kInfinity);  // where it was true
   const auto offer = [&](double t, double share) {
     if (!(share >= -margin && share <= 1.0 + margin)) return true;
     double v = a + share * (b - a);
@@ -219,7 +234,7 @@ inline bool meet_piece(const CurveSeen& c, bool flat, double a, double b, double
     if (v >= -kCurveOverlap && v <= 1.0 + kCurveOverlap) {
       const CurveJet j = jet(c, v);
       const bool leaving = !flat && dot(c.direction * t - j.p, c.direction) > 0.0;
-      accept(CurveHit{t + c.start, clamp(v, 0.0, 1.0), leaving});
+      if (accept(CurveHit{t + c.start, clamp(v, 0.0, 1.0), leaving})) enough = t;
     }
     return abs(v - 0.5 * (a + b)) <= (0.5 + margin) * (b - a);
   };
@@ -239,38 +254,117 @@ inline bool meet_piece(const CurveSeen& c, bool flat, double a, double b, double
   const double A = dd - de * de / wide, B = dot(w, d) - we * de / wide;
   const double C = dot(w, w) - r * r - we * we / wide;
   const double discriminant = B * B - A * C;
-  // A ray that just misses the cone may still meet the curved piece: start where it is nearest.
+  // A ray that just misses the cone may still meet the curved piece: start where it is nearest. But
+  // both lie within the cone of spheres that are larger by what the piece bends: control points
+  // are off the straight line by at most sqrt(5) / 3 of that, and so in position and radius
+  // together is the curve by less than that.
   const bool pierced = discriminant > 0.0;
+  if (!pierced && wide > 0.0) {
+    const double more = we + piece.bend * dr, wider = B + (we - more) * de / wide;
+    const double rest = C - piece.bend * (2.0 * r + piece.bend) + (we * we - more * more) / wide;
+    if (wider * wider - A * rest < 0.0) return true;
+  }
   const double half = pierced ? compiler::sqrt(discriminant) : 0.1 * abs(A) * r;
   const double t0 = (-B - half) / A, t1 = (-B + half) / A;
-  const bool first = offer(t0, (we + t0 * de) / wide), second = offer(t1, (we + t1 * de) / wide);
+  const bool first = offer(t0, (we + t0 * de) / wide);
+  // What was found by the nearer guess, and closer to it than to the other.
+  if (first && t0 < t1 && enough < 0.5 * (t0 + t1)) return true;
+  const bool second = offer(t1, (we + t1 * de) / wide);
   return (first && second) || !pierced;
 }
 
 // A piece counts as nearly straight when it bends by less than this share of its length and radius.
 inline constexpr double kCurveStraight = 0.1;
 
-// Calls accept(hit) for every place where the ray's line meets the curve, in no order, some of them
-// twice.
-template <class F>
-inline void meet(const Curve& curve, Vec3 origin, Vec3 direction, F&& accept) {
-  constexpr u32 kDeepest = 10;
-  const CurveSeen c = seen_along(curve, origin, direction);
-  const bool flat = (curve.flags & kCurveFlat) != 0;
-  if (!flat) {
-    if (curve.flags & kCurveCapStart) meet_cap(c, false, accept);
-    if (curve.flags & kCurveCapEnd) meet_cap(c, true, accept);
+// Sixteen pieces of equal steps of v: what each control point of the curve weighs in theirs.
+struct PieceWeights {
+  float of[4][4][16];
+};
+constexpr PieceWeights piece_weights() {
+  PieceWeights w = {};
+  for (u32 k = 0; k < 16; ++k) {
+    for (u32 i = 0; i < 4; ++i) {
+      double one[4] = {0, 0, 0, 0}, piece[4] = {};
+      one[i] = 1.0;
+      piece_of(one, k / 16.0, (k + 1) / 16.0, piece);
+      for (u32 j = 0; j < 4; ++j) w.of[j][i][k] = static_cast<float>(piece[j]);
+    }
   }
-  const Frame frame = frame_around(direction);
+  return w;
+}
+alignas(64) PH_TABLE PieceWeights kPieceWeights = piece_weights();
+
+// Whether rays along z, through the origin, pass by the hulls of sixteen curves' control points,
+// each widened by `reach`: 0 for those that do. Seen along the ray a hull is held against lines
+// along and across the way from its first to its last point, between which what is thin is narrow,
+// however it lies.
+struct HullsSeen {
+  Lanes x[4], y[4], z[4], reach;
+};
+PH_INLINE LaneMask hulls_met(const HullsSeen& h, Lanes nearest, Lanes farthest) {
+  const Lanes along_x = h.x[3] - h.x[0], along_y = h.y[3] - h.y[0];
+  Lanes low[3], high[3];
+  for (int k = 0; k < 4; ++k) {
+    const Lanes at[3] = {along_x * h.x[k] + along_y * h.y[k], along_x * h.y[k] - along_y * h.x[k],
+                         h.z[k]};
+    for (int i = 0; i < 3; ++i) {
+      low[i] = k == 0 ? at[i] : min(low[i], at[i]);
+      high[i] = k == 0 ? at[i] : max(high[i], at[i]);
+    }
+  }
+  const Lanes reach = h.reach * sqrt(along_x * along_x + along_y * along_y);
+  const Lanes back = all(0.0f) - reach;
+  return (low[0] <= reach) & (back <= high[0]) & (low[1] <= reach) & (back <= high[1]) &
+         (low[2] <= farthest + h.reach) & (nearest - h.reach <= high[2]);
+}
+
+// The pieces, as bits, that the ray may meet between two distances.
+PH_INLINE u32 pieces_met(const CurveSeen& c, const Frame& frame, double nearest, double farthest) {
+  const DVec3 axis[3] = {to_double(frame.x), to_double(frame.y), c.direction};
+  HullsSeen h;
+  double extent = 0.0;
+  for (int j = 0; j < 4; ++j) {
+    h.x[j] = h.y[j] = h.z[j] = all(0.0f);
+    extent += abs(c.point[j].x) + abs(c.point[j].y) + abs(c.point[j].z);
+  }
+  Lanes radius[4] = {all(0.0f), all(0.0f), all(0.0f), all(0.0f)};
+  for (int i = 0; i < 4; ++i) {
+    const Lanes x = all(static_cast<float>(dot(c.point[i], axis[0])));
+    const Lanes y = all(static_cast<float>(dot(c.point[i], axis[1])));
+    const Lanes z = all(static_cast<float>(dot(c.point[i], axis[2])));
+    const Lanes r = all(static_cast<float>(c.radius[i]));
+    for (int j = 0; j < 4; ++j) {
+      const Lanes w = load(kPieceWeights.of[j][i]);
+      h.x[j] = h.x[j] + x * w;
+      h.y[j] = h.y[j] + y * w;
+      h.z[j] = h.z[j] + z * w;
+      radius[j] = radius[j] + r * w;
+    }
+  }
+  // The frame is orthonormal to 1e-6, and float rounds sums of four and products by less.
+  h.reach = max(max(radius[0], radius[1]), max(radius[2], radius[3])) * all(1.0f + 1e-5f) +
+            all(static_cast<float>(4e-6 * extent));
+  const double room = 2e-7 * abs(c.start);
+  return bits(hulls_met(h, all(static_cast<float>(nearest - c.start - room)),
+                        all(static_cast<float>(farthest - c.start + room))));
+}
+
+// Calls accept(hit) for the places where the ray meets the curve from v = a to b.
+template <class F>
+inline void meet_between(const CurveSeen& c, const Frame& frame, bool flat, double a, double b,
+                         F&& accept) {
+  constexpr u32 kDeepest = 10;
   const DVec3 axis[2] = {to_double(frame.x), to_double(frame.y)};
   u32 depth = 0, index = 0;
   for (;;) {
-    const double size = 1.0 / static_cast<double>(1u << depth);
-    const double a = index * size, b = a + size;
-    DVec3 p[4];
-    double r[4];
-    piece_of(c.point, a, b, p);
-    piece_of(c.radius, a, b, r);
+    const double size = (b - a) / static_cast<double>(1u << depth);
+    CurvePiece piece;
+    piece.a = a + index * size;
+    piece.b = piece.a + size;
+    piece_of(c.point, piece.a, piece.b, piece.point);
+    piece_of(c.radius, piece.a, piece.b, piece.radius);
+    const DVec3(&p)[4] = piece.point;
+    const double (&r)[4] = piece.radius;
     double least = r[0], most = r[0], extent = 0.0;
     for (int k = 0; k < 4; ++k) {
       least = r[k] < least ? r[k] : least;
@@ -279,28 +373,27 @@ inline void meet(const Curve& curve, Vec3 origin, Vec3 direction, F&& accept) {
     }
     // The frame is orthonormal to 1e-6.
     const double reach = most * (1.0 + 1e-5) + 1e-6 * extent;
-    bool near = true;
-    for (const DVec3& x : axis) {
-      double low = dot(p[0], x), high = low;
+    bool near = true;  // as the whole is known to be
+    for (u32 i = 0; i < 2 && depth > 0; ++i) {
+      double low = dot(p[0], axis[i]), high = low;
       for (int k = 1; k < 4; ++k) {
-        const double q = dot(p[k], x);
+        const double q = dot(p[k], axis[i]);
         low = q < low ? q : low;
         high = q > high ? q : high;
       }
       near = near && low <= reach && high >= -reach;
     }
     if (near) {
-      // By how much the piece bends and its taper changes: the control points' second differences.
       const auto square = [](double x) { return x * x; };
       const DVec3 e = p[3] - p[0], m = p[0] - p[1] * 2.0 + p[2], n = p[1] - p[2] * 2.0 + p[3];
-      const double bend = dot(m, m) + dot(n, n) + square(r[0] - 2.0 * r[1] + r[2]) +
-                          square(r[1] - 2.0 * r[2] + r[3]);
+      piece.bend = compiler::sqrt(dot(m, m) + dot(n, n) + square(r[0] - 2.0 * r[1] + r[2]) +
+                                  square(r[1] - 2.0 * r[2] + r[3]));
       // The hull of spheres that grow nearly as fast as they move is as sensitive as they differ.
       const double room = flat ? length(e) : abs(length(e) - abs(r[3] - r[0]));
-      const double near_enough = kCurveStraight * (room < least ? room : least);
-      const bool straight = bend <= near_enough * near_enough || depth == kDeepest;
-      const double margin = 0.25 + 2.0 * compiler::sqrt(bend) * most / dot(e, e);
-      if (!(straight && meet_piece(c, flat, a, b, margin, p, r, accept)) && depth < kDeepest) {
+      const bool straight =
+          piece.bend <= kCurveStraight * (room < least ? room : least) || depth == kDeepest;
+      const double margin = 0.25 + 2.0 * piece.bend * most / dot(e, e);
+      if (!(straight && meet_piece(c, flat, piece, margin, accept)) && depth < kDeepest) {
         ++depth;
         index *= 2;
         continue;
@@ -316,6 +409,28 @@ inline void meet(const Curve& curve, Vec3 origin, Vec3 direction, F&& accept) {
   }
 }
 
+// Calls accept(hit) for every place where the ray meets the curve between two distances, and maybe
+// others, in no order, some of them twice; where it is true, of two close to each other maybe not
+// for the farther one.
+template <class F>
+inline void meet(const Curve& curve, Vec3 origin, Vec3 direction, double nearest, double farthest,
+                 F&& accept) {
+  const CurveSeen c = seen_along(curve, origin, direction);
+  const Frame frame = frame_around(direction);
+  const bool flat = (curve.flags & kCurveFlat) != 0;
+  u32 met = pieces_met(c, frame, nearest, farthest);
+  if (!flat) {
+    if ((curve.flags & kCurveCapStart) != 0 && (met & 1u) != 0) meet_cap(c, false, accept);
+    if ((curve.flags & kCurveCapEnd) != 0 && (met >> 15) != 0) meet_cap(c, true, accept);
+  }
+  // Pieces that follow each other go together.
+  while (met != 0) {
+    const u32 first = lowest_bit(met), end = first + lowest_bit(~(met >> first));
+    meet_between(c, frame, flat, first / 16.0, end / 16.0, accept);
+    met &= ~0u << end;
+  }
+}
+
 // The nearest hit at 0 < t <= limit. self: the ray starts on this segment. A place that it starts
 // on then is an exit of a ray that sets off outwards, and an entry of one that sets off inwards:
 // what counts is an entry or an exit, respectively. A ribbon is not met again.
@@ -323,11 +438,12 @@ inline bool nearest(const Curve& c, const Ray& ray, float limit, bool self, floa
   if (self && (c.flags & kCurveFlat)) return false;
   bool found = false;
   distance = limit;
-  meet(c, ray.origin, ray.direction, [&](const CurveHit& hit) {
+  meet(c, ray.origin, ray.direction, 0.0, limit, [&](const CurveHit& hit) {
     const float t = static_cast<float>(hit.t);
-    if (!(t > 0.0f) || !(t <= distance) || (self && hit.leaving != ray.inward)) return;
+    if (!(t > 0.0f) || !(t <= distance) || (self && hit.leaving != ray.inward)) return false;
     distance = t;
     found = true;
+    return true;
   });
   return found;
 }
@@ -339,25 +455,20 @@ PH_INLINE u32 intersect(const CurveBlock& block, const Ray& ray, float limit, u3
   const Frame frame = frame_around(ray.direction);
   const LaneVec3 origin = all(ray.origin), d = all(ray.direction);
   const LaneVec3 axis_x = all(frame.x), axis_y = all(frame.y);
-  const Lanes zero = all(0.0f);
-  Lanes low_x, low_y, low_z, high_x, high_y, high_z, size = zero, reach = zero;
+  HullsSeen h;
+  Lanes size = all(0.0f), widest = size;
   for (int k = 0; k < 4; ++k) {
     const LaneVec3 f = load(block.point[k]) - origin;
-    const Lanes x = dot(f, axis_x), y = dot(f, axis_y), z = dot(f, d);
-    low_x = k == 0 ? x : min(low_x, x);
-    low_y = k == 0 ? y : min(low_y, y);
-    low_z = k == 0 ? z : min(low_z, z);
-    high_x = k == 0 ? x : max(high_x, x);
-    high_y = k == 0 ? y : max(high_y, y);
-    high_z = k == 0 ? z : max(high_z, z);
+    h.x[k] = dot(f, axis_x);
+    h.y[k] = dot(f, axis_y);
+    h.z[k] = dot(f, d);
     size = max(dot(f, f), size);
-    reach = max(load(block.radius[k]), reach);
+    widest = max(load(block.radius[k]), widest);
   }
-  // Rounding moves a control point by less than 16 kRounding times its distance.
-  reach = reach * all(1.0f + 16.0f * kRounding) + sqrt(size) * all(16.0f * kRounding);
-  const Lanes back = zero - reach;
-  u32 candidates = bits((low_x <= reach) & (back <= high_x) & (low_y <= reach) & (back <= high_y) &
-                        (low_z <= reach + all(limit)) & (back <= high_z));
+  // Rounding moves a control point by less than 16 kRounding times its distance, and what is held
+  // against lines by less than 8 more.
+  h.reach = widest * all(1.0f + 16.0f * kRounding) + sqrt(size) * all(24.0f * kRounding);
+  u32 candidates = bits(hulls_met(h, all(0.0f), all(limit)));
   u32 hit = 0;
   for (; candidates != 0; candidates &= candidates - 1) {
     const u32 lane = lowest_bit(candidates);
@@ -373,10 +484,11 @@ PH_INLINE u32 intersect(const CurveBlock& block, const Ray& ray, float limit, u3
 inline void surface(const Curve& c, const Ray& ray, float t, SurfacePoint& out) {
   CurveHit best = {t, 0.5, false};
   double off = static_cast<double>(kInfinity);
-  meet(c, ray.origin, ray.direction, [&](const CurveHit& hit) {
+  meet(c, ray.origin, ray.direction, t, t, [&](const CurveHit& hit) {
     // Of two that are nearer to each other than t tells, the one first met.
     const double apart = abs(hit.t - t) + (hit.leaving ? t * 0x1p-23 : 0.0);
     if (apart < off) off = apart, best = hit;
+    return apart <= t * 0x1p-24;
   });
   const CurveSeen s = seen_along(c, ray.origin, ray.direction);
   const CurveJet j = jet(s, best.v);
