@@ -27,7 +27,9 @@
 //                           say the same of F::of(m) as of m, without branches: they become
 //                           vectors for sixteen paths at once. Either
 //     whole()               has sample and evaluate: F itself, or a material that has no branches
-//                           once a compiler knows the parameters that F lacks;
+//                           once a compiler knows the parameters that F lacks; or, if tables have
+//                           something of wo, whole(from), and From, FromPlace, place_from and from
+//                           as below;
 //                           or, if more of tables is needed than F::of looks up, there are
 //     F::From, F::To        of floats: what tables have of wo, and of wi
 //     F::FromPlace, F::ToPlace        of floats: where they have it
@@ -138,8 +140,11 @@ PH_INLINE void for_each_plain_form(F&& f) {
   }
 }
 
+// Forms that need what tables have of wo, and those that need it of wi, too.
 template <class Form>
-concept NeedsTables = requires { typename Form::From; };
+concept LooksFrom = requires { typename Form::From; };
+template <class Form>
+concept NeedsTables = LooksFrom<Form> && requires { typename Form::To; };
 
 // Forms that tell how much of what they scatter is gloss.
 template <class Form>

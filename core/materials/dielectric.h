@@ -9,6 +9,9 @@
 
 namespace parhelion::PH_ISA {
 
+template <Facets kDistribution>
+struct RoughDielectric;
+
 struct Dielectric {
   Vec3 color;
   float ior, roughness, anisotropy, distribution, compensation;
@@ -16,7 +19,8 @@ struct Dielectric {
   float dispersion;
   float mirror_pull;
 
-  using Plain = PlainForms<struct PlainDielectric>;
+  using Plain = PlainForms<struct PlainDielectric, RoughDielectric<Facets::ggx>,
+                           RoughDielectric<Facets::beckmann>>;
   static constexpr bool transmits = true;
   static constexpr bool lobe_draws = true;
   static constexpr const char* doc = "glass, smooth or frosted: reflects and refracts";
@@ -62,30 +66,22 @@ PH_INLINE bool smooth(const Dielectric& m, const Microfacets& d) {
 
 PH_INLINE bool is_delta(const Dielectric& m) { return smooth(m, microfacets(m)); }
 
-// Before masking: density, and what it is tinted by as radiance.
-struct DielectricLobe {
-  Vec3 tint;
-  float pdf;
+// Frosted glass as seen from one side: what does not depend on wi.
+struct Frosted {
+  Vec3 reflectance, transmittance;  // the material's times its colour
+  float ior;
+  Microfacets facets;
+  float albedo;      // of single bounces, where light that bounces on between microfacets counts,
+  float correlated;  // which is where this is 1; else it is 0, and the albedo 1
 };
 
-// wo above the surface; eta is the index of the side below over that above.
-inline DielectricLobe lobe(const Dielectric& m, const Microfacets& d, float eta, Vec3 wo, Vec3 wi) {
-  const bool reflects = wi.z > 0.0f;
-  if (!(wo.z > 0.0f) || wi.z == 0.0f) return {{0, 0, 0}, 0.0f};
-  // Each half vector is the normal of the facet that takes wo to wi.
-  Vec3 half = reflects ? wo + wi : wo + wi * eta;
-  half = normalize(half);
-  half = half * copysign(1.0f, half.z);
-  const float facing = dot(wo, half), beyond = dot(wi, half);
-  if (!(facing > 0.0f) || (beyond > 0.0f) != reflects) return {{0, 0, 0}, 0.0f};
-  const float share = fresnel_dielectric(min(facing, 1.0f), eta).reflected;
-  const float density = visible_density(d, wo, half);
-  if (reflects) return {m.color * m.reflectance, share * density / (4.0f * facing)};
-  // Walter et al. 2007, equation 17; radiance is squeezed into a narrower cone where the index is
-  // higher (Veach 1997, 5.2).
-  const float root = facing + eta * beyond;
-  return {m.color * m.transmittance * (1.0f / (eta * eta)),
-          (1.0f - share) * density * eta * eta * abs(beyond) / (root * root)};
+// Index of the far side over that of wo's own.
+PH_INLINE float far_index(float ior, Vec3 wo) {
+  return copysign(1.0f, wo.z) > 0.0f ? ior : 1.0f / ior;
+}
+
+inline float frosted_albedo(const Microfacets& d, float ior, float compensation, Vec3 wo) {
+  return compensation < 0.5f ? glass_albedo(d, {wo.x, wo.y, abs(wo.z)}, far_index(ior, wo)) : 1.0f;
 }
 
 struct DielectricValue {
@@ -93,74 +89,139 @@ struct DielectricValue {
   float pdf;
 };
 
-// Glass as seen from above, with the index eta of the side below over that above.
-struct SeenDielectric {
-  Microfacets facets;
-  float eta;
-  float albedo;  // of single bounces, where light that bounces on between microfacets counts
-};
-
-inline SeenDielectric seen_above(const Dielectric& m, const Microfacets& d, float eta, Vec3 wo) {
-  return {d, eta, m.compensation < 0.5f ? glass_albedo(d, wo, eta) : 1.0f};
+// Both for wo above the surface, with the index eta of the side below over that above, and without
+// branches.
+PH_INLINE DielectricValue rough_value(const Frosted& m, float eta, Vec3 wo, Vec3 wi) {
+  const bool reflects = wi.z > 0.0f;
+  wo.z = max(wo.z, 1e-9f);
+  // Each half vector is the normal of the facet that takes wo to wi.
+  Vec3 half = wo + wi * (reflects ? 1.0f : eta);
+  half = half * (copysign(1.0f, half.z) / sqrt(max(dot(half, half), 1e-30f)));
+  const float facing = dot(wo, half), beyond = dot(wi, half);
+  const bool can = (facing > 0.0f) & ((beyond > 0.0f) == reflects) & (wi.z != 0.0f);
+  const float share = fresnel_dielectric(clamp(facing, 0.0f, 1.0f), eta).reflected;
+  const float seen = visible_share(m.facets, wo), lit = visible_share(m.facets, wi);
+  const float density = normal_density(m.facets, half) * seen / wo.z * (can ? 1.0f : 0.0f);
+  // Walter et al. 2007, equation 17; radiance is squeezed into a narrower cone where the index is
+  // higher (Veach 1997, 5.2).
+  const float root = facing + eta * beyond, squeezed = 1.0f / (eta * eta);
+  const float turned = facing * eta * eta * abs(beyond) / max(root * root, 1e-30f);
+  const float pdf = density * (reflects ? share * 0.25f : (1.0f - share) * turned);
+  // As in shadowing(), of heights that are correlated or not.
+  const float both = 1.0f + m.correlated * (seen + lit - seen * lit - 1.0f);
+  const float left = pdf * lit / (max(both, 1e-30f) * m.albedo);
+  return {select(reflects, m.reflectance, m.transmittance * squeezed) * left, pdf};
 }
 
-// Of a rough one, from above
-inline DielectricValue rough_value(const Dielectric& m, const SeenDielectric& seen, Vec3 wo,
-                                   Vec3 wi) {
-  const DielectricLobe f = lobe(m, seen.facets, seen.eta, wo, wi);
-  if (!(f.pdf > 0.0f)) return {{0, 0, 0}, 0.0f};
-  const float left = shadowing(seen.facets, wo, wi, m.compensation < 0.5f) / seen.albedo;
-  return {f.tint * (f.pdf * left), f.pdf};
+// False where what is reflected would be below the surface, or what is refracted above it.
+PH_INLINE bool choose_rough(const Frosted& m, float eta, Vec3 wo, const BsdfDraws& u, Vec3& wi) {
+  const Vec3 normal = sample_visible_normal(m.facets, wo, u.direction);
+  const float facing = dot(wo, normal), scale = 1.0f / eta;
+  const Fresnel f = fresnel_dielectric(clamp(facing, 0.0f, 1.0f), eta);
+  const bool reflects = u.lobe < f.reflected;
+  wi = select(reflects, mirrored(wo, normal),
+              normalize(normal * (facing * scale - f.cos_t) - wo * scale));
+  return (wi.z > 0.0f) == reflects;
 }
 
 // From wo, on either side
+PH_INLINE DielectricValue evaluate(const Frosted& m, Vec3 wo, Vec3 wi) {
+  const float side = copysign(1.0f, wo.z);
+  return rough_value(m, far_index(m.ior, wo), {wo.x, wo.y, wo.z * side}, {wi.x, wi.y, wi.z * side});
+}
+PH_INLINE bool sample(const Frosted& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+  const float side = copysign(1.0f, wo.z);
+  const float eta = far_index(m.ior, wo);
+  const Vec3 above = {wo.x, wo.y, wo.z * side};
+  const bool found = choose_rough(m, eta, above, u, out.wi);
+  const DielectricValue v = rough_value(m, eta, above, out.wi);
+  out.pdf = v.pdf;
+  out.weight = v.value * (1.0f / v.pdf);
+  out.eta = out.wi.z > 0.0f ? 1.0f : eta;
+  out.wi.z *= side;
+  return found & (v.pdf > 0.0f);
+}
+
+// Frosted
+template <Facets kDistribution>
+struct RoughDielectric {
+  Vec3 reflectance, transmittance;
+  float ior, roughness, anisotropy, compensation;
+
+  struct From {
+    float albedo;
+  };
+  using FromPlace = Vec3;
+
+  PH_INLINE static bool fits(const Dielectric& m) {
+    const Microfacets d = microfacets(m);
+    return d.distribution == kDistribution && !smooth(m, d);
+  }
+  PH_INLINE static RoughDielectric of(const Dielectric& m) {
+    return {m.color * m.reflectance, m.color * m.transmittance, m.ior, m.roughness, m.anisotropy,
+            m.compensation};
+  }
+  PH_INLINE Microfacets facets() const {
+    return microfacets(roughness, anisotropy, static_cast<float>(kDistribution));
+  }
+  PH_INLINE Frosted whole(const From& seen) const {
+    const float correlated = compensation < 0.5f ? 1.0f : 0.0f;
+    return {reflectance, transmittance, ior, facets(), seen.albedo, correlated};
+  }
+};
+
+template <Facets kDistribution>
+PH_INLINE Vec3 place_from(const RoughDielectric<kDistribution>&, Vec3 wo) {
+  return wo;
+}
+template <Facets kDistribution>
+inline auto from(const RoughDielectric<kDistribution>& m, Vec3 wo) {
+  const float albedo = frosted_albedo(m.facets(), m.ior, m.compensation, wo);
+  return typename RoughDielectric<kDistribution>::From{albedo};
+}
+
+// Glass as seen from wo, on either side
+struct SeenDielectric {
+  Microfacets facets;
+  float albedo;  // as in Frosted
+};
+
 PH_INLINE SeenDielectric prepare(const Dielectric& m, Vec3 wo) {
   const Microfacets d = microfacets(m);
-  const float eta = copysign(1.0f, wo.z) > 0.0f ? m.ior : 1.0f / m.ior;
-  if (smooth(m, d)) return {d, eta, 1.0f};
-  return seen_above(m, d, eta, {wo.x, wo.y, abs(wo.z)});
+  return {d, smooth(m, d) ? 1.0f : frosted_albedo(d, m.ior, m.compensation, wo)};
+}
+
+PH_INLINE Frosted frosted(const Dielectric& m, const SeenDielectric& seen) {
+  const float correlated = m.compensation < 0.5f ? 1.0f : 0.0f;
+  return {m.color * m.reflectance,
+          m.color * m.transmittance,
+          m.ior,
+          seen.facets,
+          seen.albedo,
+          correlated};
 }
 
 PH_INLINE DielectricValue evaluate(const Dielectric& m, const SeenDielectric& seen, Vec3 wo,
                                    Vec3 wi) {
   if (smooth(m, seen.facets)) return {{0, 0, 0}, 0.0f};
-  const float side = copysign(1.0f, wo.z);
-  wo.z *= side;
-  wi.z *= side;
-  return rough_value(m, seen, wo, wi);
+  return evaluate(frosted(m, seen), wo, wi);
 }
 
 PH_INLINE bool sample(const Dielectric& m, const SeenDielectric& seen, Vec3 wo, const BsdfDraws& u,
                       BsdfSample& out) {
-  const float side = copysign(1.0f, wo.z);
-  const float eta = seen.eta;  // far side over near side
-  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  const bool delta = smooth(m, seen.facets);
-  const Vec3 normal =
-      delta ? Vec3{0, 0, 1} : sample_visible_normal(seen.facets, above, u.direction);
-  const float facing = dot(above, normal);
-  const Fresnel f = fresnel_dielectric(clamp(facing, 0.0f, 1.0f), eta);
-  const float pull = delta ? 1.0f + m.mirror_pull : 1.0f, pulled = f.reflected * pull;
+  if (!smooth(m, seen.facets)) return sample(frosted(m, seen), wo, u, out);
+  const float side = copysign(1.0f, wo.z), eta = far_index(m.ior, wo);
+  const Fresnel f = fresnel_dielectric(clamp(abs(wo.z), 0.0f, 1.0f), eta);
+  const float pull = 1.0f + m.mirror_pull, pulled = f.reflected * pull;
   const float sum = pulled + (1.0f - f.reflected);
   const bool reflects = u.lobe * sum < pulled;
   const float scale = 1.0f / eta;
-  if (delta) {
-    out.delta = true;
-    out.wi =
-        reflects ? Vec3{-wo.x, -wo.y, wo.z} : Vec3{-wo.x * scale, -wo.y * scale, -side * f.cos_t};
-    out.weight = m.color * (reflects ? m.reflectance * (sum / pull)
-                                     : m.transmittance * (scale * scale * sum));
-    if (!reflects) out.eta = eta;
-    return true;
-  }
-  out.wi = reflects ? mirrored(above, normal)
-                    : normalize(normal * (facing * scale - f.cos_t) - above * scale);
-  const DielectricValue v = rough_value(m, seen, above, out.wi);
-  if ((out.wi.z > 0.0f) != reflects || !(v.pdf > 0.0f)) return false;
-  out.pdf = v.pdf;
-  out.weight = v.value * (1.0f / v.pdf);
+  out.delta = true;
+  out.wi =
+      reflects ? Vec3{-wo.x, -wo.y, wo.z} : Vec3{-wo.x * scale, -wo.y * scale, -side * f.cos_t};
+  out.weight =
+      m.color * (reflects ? m.reflectance * (sum / pull) : m.transmittance * (scale * scale * sum));
   if (!reflects) out.eta = eta;
-  out.wi.z *= side;
   return true;
 }
 

@@ -289,10 +289,10 @@ struct Layers {
   Microfacets facets;
   Coat coat;  // if there is one
   Diffuse body;
-  Dielectric inner;
-  SeenDielectric seen_inner;  // if it is sampled
-  bool compensated;           // there is metal or film, and
-  float gain_o;               // metal_gain(wo)
+  Frosted inner;     // whose albedo is known if it is sampled
+  float eta;         // its index of the far side over the near one
+  bool compensated;  // there is metal or film, and
+  float gain_o;      // metal_gain(wo)
   Base base;
   Vec3 glass;
   float coat_weight;
@@ -322,9 +322,8 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   l.facets = microfacets(roughness, m.anisotropy, 0.0f);
   l.body = {m.color, m.diffuse_roughness};
   const float ior = scaled_index(m.ior, m.specular);
-  l.inner = {{1, 1, 1},        ior,     roughness, m.anisotropy, 0.0f, 0.0f,
-             m.specular_color, m.color, 0.0f,      0.0f};
-  const float eta = side > 0.0f ? ior : 1.0f / ior;  // far side over near side
+  l.inner = {m.specular_color, m.color, ior, l.facets, 1.0f, 1.0f};
+  l.eta = far_index(ior, world_wo);
   l.compensated = m.metallic > 0.0f || m.iridescence > 0.0f;
   if (l.compensated) l.gain_o = metal_gain(l.facets, l.wo);
 
@@ -369,7 +368,7 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   for (u32 i = 0; i < kLobes; ++i) {
     l.chance[i] = sum > 0.0f ? share[i] / sum : static_cast<float>(i == 0);
   }
-  if (l.chance[kGlassLobe] > 0.0f) l.seen_inner = seen_above(l.inner, l.facets, eta, l.wo);
+  if (l.chance[kGlassLobe] > 0.0f) l.inner.albedo = glass_albedo(l.facets, l.wo, l.eta);
   return l;
 }
 
@@ -377,7 +376,7 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
 inline PrincipledValue value_within(const Principled& m, const Layers& l, Vec3 wi) {
   PrincipledValue r = {{0, 0, 0}, 0.0f};
   if (l.chance[kGlassLobe] > 0.0f) {
-    const DielectricValue v = rough_value(l.inner, l.seen_inner, l.wo, wi);
+    const DielectricValue v = rough_value(l.inner, l.eta, l.wo, wi);
     r = {l.glass * v.value, l.chance[kGlassLobe] * v.pdf};
   }
   if (!(wi.z > 0.0f) || !(l.wo.z > 0.0f)) return r;
@@ -412,18 +411,10 @@ inline bool sample(const Principled& m, const Layers& l, Vec3 wo, const BsdfDraw
   switch (lobe) {
     case kMirrorLobe: wi = mirrored(l.wo, sample_visible_normal(l.facets, l.wo, number)); break;
     case kCoatLobe: wi = mirrored(l.wo, sample_visible_normal(l.coat.facets, l.wo, number)); break;
-    case kGlassLobe: {
-      const Vec3 n = sample_visible_normal(l.facets, l.wo, number);
-      const float facing = clamp(dot(l.wo, n), 0.0f, 1.0f);
-      const float eta = l.seen_inner.eta;
-      const Fresnel f = fresnel_dielectric(facing, eta);
-      const bool reflects = u.lobe < f.reflected;
-      wi = reflects ? mirrored(l.wo, n)
-                    : normalize(n * (facing / eta - f.cos_t) - l.wo * (1.0f / eta));
-      if ((wi.z > 0.0f) != reflects) return false;
-      if (!reflects) out.eta = eta;
+    case kGlassLobe:
+      if (!choose_rough(l.inner, l.eta, l.wo, {number, u.lobe}, wi)) return false;
+      if (wi.z < 0.0f) out.eta = l.eta;
       break;
-    }
     default: wi = cosine_hemisphere(number);
   }
   if (lobe != kGlassLobe && !(wi.z > 0.0f)) return false;

@@ -39,14 +39,14 @@ PH_INLINE void plain_and_others(const Kinds& kinds, u32 lanes, Together&& togeth
 }
 
 // What tables have of directions, for plain forms that need them: of local_wo,
-template <NeedsTables Form>
+template <LooksFrom Form>
 PH_APART inline void find_places_from(const PlainSurfaces& __restrict v,
                                       Rows<typename Form::FromPlace, kBatch>& __restrict places) {
   for (u32 k = 0; k < kBatch; ++k) {
     places.set(k, place_from(v.plain.at<Form>(k), v.local_wo.at(k)));
   }
 }
-template <NeedsTables Form>
+template <LooksFrom Form>
 inline void look_up_from(u32 lanes, PlainSurfaces& v) {
   Rows<typename Form::FromPlace, kBatch> places;
   find_places_from<Form>(v, places);
@@ -69,6 +69,16 @@ inline void look_up(u32 lanes, const PlainSurfaces& v, const Rows<Vec3, kBatch>&
   for_each_bit(lanes, [&](u32 k) { tables.set(k, to(v.plain.at<Form>(k), places.at(k))); });
 }
 
+// What samples and evaluates the plain form of a surface.
+template <class Form>
+PH_INLINE auto whole_of(const PlainSurfaces& v, u32 k) {
+  if constexpr (LooksFrom<Form>) {
+    return v.plain.at<Form>(k).whole(v.from.at<typename Form::From>(k));
+  } else {
+    return v.plain.at<Form>(k).whole();
+  }
+}
+
 // What surfaces of one plain form scatter from wo towards wi.
 template <class Form>
 PH_APART inline void value_of_plain(const u32 (&__restrict these)[kBatch],
@@ -77,13 +87,13 @@ PH_APART inline void value_of_plain(const u32 (&__restrict these)[kBatch],
   // In a loop of its own, so that compilers do not move it into branches of the next.
   Rows<BsdfValue, kBatch> all;
   for (u32 k = 0; k < kBatch; ++k) {
-    const Form form = v.plain.at<Form>(k);
     const Vec3 wo = v.local_wo.at(k), wi = v.local_wi.at(k);
     if constexpr (NeedsTables<Form>) {
+      const Form form = v.plain.at<Form>(k);
       all.set(k, evaluate(form, v.from.at<typename Form::From>(k), to.at<typename Form::To>(k), wo,
                           wi));
     } else {
-      all.set(k, value_of(form.whole(), wo, wi));
+      all.set(k, value_of(whole_of<Form>(v, k), wo, wi));
     }
   }
   for (u32 k = 0; k < kBatch; ++k) {

@@ -161,7 +161,7 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
     for_each_plain_form<Material>([&]<class Form>(u32 number) {
       const u32 plain = own & kinds.plain[number];
       if (plain == 0) return;
-      if constexpr (NeedsTables<Form>) look_up_from<Form>(plain, v);
+      if constexpr (LooksFrom<Form>) look_up_from<Form>(plain, v);
       if constexpr (HasGloss<Form>) {
         if (chooses_lights(scene)) {
           for_each_bit(plain & ~alike, [&](u32 k) { turn_to_gloss<Form>(k, v); });

@@ -85,7 +85,7 @@ template <class Form>
 PH_APART inline void sample_plain(const Vertices& __restrict v, const BounceDraws& __restrict draws,
                                   Sampled& __restrict all) {
   for (u32 k = 0; k < kBatch; ++k) {
-    const auto material = v.plain.at<Form>(k).whole();
+    const auto material = whole_of<Form>(v, k);
     BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
     const bool there = sample(material, v.local_wo.at(k), draws.bsdf(k), s);
     all.set(k, s, there);
