@@ -124,7 +124,7 @@ PH_INLINE bool sample(const Material& m, Vec3 wo, const BsdfDraws& u, BsdfSample
 template <class... Form>
 struct PlainForms {};
 
-inline constexpr u32 kMostPlainForms = 3;
+inline constexpr u32 kMostPlainForms = 4;
 
 // Calls f.operator()<Form>(number) for each form in which a type of materials may be plain.
 template <class... Form, class F>

@@ -298,6 +298,7 @@ GLOSSY = {
     "brass": ph.Material(
         "conductor", **COLORS, roughness=0.6, compensation="off", distribution="beckmann"
     ),
+    "silver": ph.Material("conductor", **COLORS, roughness=0.6),
     "fuzzy": ph.Material("metal", **COLORS, fuzz=0.7),
     "gilt": ph.Material("principled", **COLORS, roughness=0.5, metallic=1.0),
 }

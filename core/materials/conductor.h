@@ -8,12 +8,16 @@ namespace parhelion::PH_ISA {
 
 template <Facets kDistribution>
 struct PlainConductor;
+template <Facets kDistribution>
+struct CompensatedConductor;
 
 struct Conductor {
   Vec3 color, eta, k;
   float roughness, anisotropy, distribution, compensation;
 
-  using Plain = PlainForms<PlainConductor<Facets::ggx>, PlainConductor<Facets::beckmann>>;
+  using Plain =
+      PlainForms<PlainConductor<Facets::ggx>, PlainConductor<Facets::beckmann>,
+                 CompensatedConductor<Facets::ggx>, CompensatedConductor<Facets::beckmann>>;
   static constexpr const char* doc = "metal by its complex index of refraction, smooth or rough";
   static constexpr ParamInfo params[] = {
       {"color", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "tint of the reflection"},
@@ -80,17 +84,99 @@ PH_INLINE SeenConductor prepare(const Conductor& m, Vec3 wo) {
   return {d, all && !smooth(d) ? metal_gain(d, {wo.x, wo.y, abs(wo.z)}) : 1.0f};
 }
 
-// Of a rough one
-PH_INLINE ConductorValue rough_value(const Conductor& m, const SeenConductor& seen, Vec3 wo,
-                                     Vec3 wi) {
+// Of a rough one: of single bounces, or of all, with metal_gain of both directions.
+template <class Material>
+PH_INLINE ConductorValue rough_value(const Material& m, const Microfacets& facets, bool all,
+                                     float gain, Vec3 wo, Vec3 wi) {
   const float same_side = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
   wo.z = abs(wo.z);
   wi.z = abs(wi.z);
-  const bool all = m.compensation < 0.5f;
-  const Reflection r = reflection(seen.facets, wo, wi, all);
+  const Reflection r = reflection(facets, wo, wi, all);
   Vec3 share = fresnel_conductor(min(r.facing, 1.0f), m.eta, m.k);
-  if (all) share = reflected(share, seen.gain * metal_gain(seen.facets, wi));
+  if (all) share = reflected(share, gain);
   return {m.color * share * (same_side * r.value), same_side * r.pdf};
+}
+
+// Rough and isotropic, of all bounces
+template <Facets kDistribution>
+struct CompensatedConductor {
+  Vec3 color, eta, k;
+  float roughness;
+
+  struct From {
+    float gain;
+  };
+  using To = From;
+  using FromPlace = MetalPlace;
+  using ToPlace = MetalPlace;
+
+  PH_INLINE static bool fits(const Conductor& m) {
+    const Microfacets d = microfacets(m);
+    return d.distribution == kDistribution && m.compensation < 0.5f && m.anisotropy == 0.0f &&
+           !smooth(d);
+  }
+  PH_INLINE static CompensatedConductor of(const Conductor& m) {
+    return {m.color, m.eta, m.k, m.roughness};
+  }
+  PH_INLINE Microfacets facets() const {
+    return microfacets(roughness, 0.0f, static_cast<float>(kDistribution));
+  }
+};
+
+template <Facets kDistribution>
+PH_INLINE MetalPlace place_to(const CompensatedConductor<kDistribution>& m, Vec3 wi) {
+  return metal_place(m.facets(), wi);
+}
+template <Facets kDistribution>
+PH_INLINE MetalPlace place_from(const CompensatedConductor<kDistribution>& m, Vec3 wo) {
+  return place_to(m, wo);
+}
+template <Facets kDistribution>
+inline auto to(const CompensatedConductor<kDistribution>&, const MetalPlace& at) {
+  return typename CompensatedConductor<kDistribution>::To{metal_gain(kDistribution, at)};
+}
+template <Facets kDistribution>
+inline auto from(const CompensatedConductor<kDistribution>& m, const MetalPlace& at) {
+  return to(m, at);
+}
+
+template <Facets kDistribution>
+PH_INLINE Gloss gloss(const CompensatedConductor<kDistribution>& m,
+                      const typename CompensatedConductor<kDistribution>::From&, Vec3 wo) {
+  return gloss_of(m.facets(), 1.0f, 0.0f, wo);
+}
+
+// All of it is one lobe.
+template <Facets kDistribution>
+PH_INLINE LobeChances lobes(const CompensatedConductor<kDistribution>&,
+                            const typename CompensatedConductor<kDistribution>::From&) {
+  return {1.0f, 0.0f};
+}
+
+template <Facets kDistribution>
+PH_INLINE BsdfValue evaluate(const CompensatedConductor<kDistribution>& m,
+                             const typename CompensatedConductor<kDistribution>::From& seen,
+                             const typename CompensatedConductor<kDistribution>::To& to, Vec3 wo,
+                             Vec3 wi) {
+  const ConductorValue v = rough_value(m, m.facets(), true, seen.gain * to.gain, wo, wi);
+  return {v.value, v.pdf};
+}
+
+template <Facets kDistribution>
+PH_INLINE bool choose(const CompensatedConductor<kDistribution>& m, const PickedLobe& lobe, Vec3 wo,
+                      Vec3& wi) {
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
+  wi = mirrored(above, sample_visible_normal(m.facets(), above, lobe.number));
+  const bool found = wi.z > 0.0f;
+  wi.z = copysign(wi.z, wo.z);
+  return found;
+}
+
+PH_INLINE ConductorValue rough_value(const Conductor& m, const SeenConductor& seen, Vec3 wo,
+                                     Vec3 wi) {
+  const bool all = m.compensation < 0.5f;
+  const float gain = all ? seen.gain * metal_gain(seen.facets, {wi.x, wi.y, abs(wi.z)}) : 1.0f;
+  return rough_value(m, seen.facets, all, gain, wo, wi);
 }
 
 PH_INLINE ConductorValue evaluate(const Conductor& m, const SeenConductor& seen, Vec3 wo, Vec3 wi) {

@@ -47,12 +47,20 @@ void lobes_share_even_numbers() {
 }
 
 template <class Form>
+auto whole_of(const Form& form, Vec3 wo) {
+  if constexpr (baseline::LooksFrom<Form>) {
+    return form.whole(from(form, place_from(form, wo)));
+  } else {
+    return form.whole();
+  }
+}
+template <class Form>
 baseline::BsdfValue value_plainly(const Form& form, Vec3 wo, Vec3 wi) {
   if constexpr (baseline::NeedsTables<Form>) {
     const auto seen = from(form, place_from(form, wo));
     return evaluate(form, seen, to(form, place_to(form, wi)), wo, wi);
   } else {
-    return value_of(form.whole(), wo, wi);
+    return value_of(whole_of(form, wo), wo, wi);
   }
 }
 template <class Form>
@@ -64,7 +72,7 @@ bool sample_plainly(const Form& form, Vec3 wo, const baseline::BsdfDraws& u,
     return choose(form, pick(lobes(form, seen), u.direction), wo, wi) &&
            weigh_sample(form, seen, to(form, place_to(form, wi)), wo, wi, out);
   } else {
-    return sample(form.whole(), wo, u, out);
+    return sample(whole_of(form, wo), wo, u, out);
   }
 }
 
@@ -137,9 +145,13 @@ void plain_materials_are_the_whole() {
   plain_is_the_whole<Conductor, PlainConductor<Facets::beckmann>>(
       {metal(0.3f, 0.0f, 1, 1), metal(0.9f, -0.7f, 1, 1), metal(0.0f, 0.0f, 1, 0),
        metal(0.0101f, 0.0f, 1, 1), metal(1.0f, 0.99f, 1, 1)});
+  plain_is_the_whole<Conductor, CompensatedConductor<Facets::ggx>>(
+      {metal(0.3f, 0.0f, 0, 0), metal(0.0101f, 0.0f, 0, 0), metal(1.0f, 0.0f, 0, 0)});
+  plain_is_the_whole<Conductor, CompensatedConductor<Facets::beckmann>>(
+      {metal(0.3f, 0.0f, 1, 0), metal(0.0101f, 0.0f, 1, 0), metal(1.0f, 0.0f, 1, 0)});
   for_each_plain_form<Conductor>([&]<class Form>(u32) {
-    CHECK(!Form::fits(from_block<Conductor>(metal(0.3f, 0.0f, 0, 0))));
-    CHECK(!Form::fits(from_block<Conductor>(metal(0.3f, 0.0f, 1, 0))));
+    CHECK(!Form::fits(from_block<Conductor>(metal(0.3f, 0.1f, 0, 0))));
+    CHECK(!Form::fits(from_block<Conductor>(metal(0.3f, 0.1f, 1, 0))));
   });
   const auto principled = [](float metallic, float roughness, float ior, float specular) {
     Principled m{};
@@ -199,6 +211,25 @@ void plain_materials_are_the_whole() {
       {block(MaterialKind::dielectric, {1, 1, 1, 1.5f, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 0}),
        block(MaterialKind::dielectric,
              {0.9f, 0.8f, 1, 0.6f, 0, 0.5f, 1, 1, 0.5f, 1, 1, 1, 1, 0.2f, 0.4f})});
+  const auto glass = [](float ior, float roughness, float anisotropy, float distribution,
+                        float compensation) {
+    return block(MaterialKind::dielectric, {0.9f, 0.8f, 1, ior, roughness, anisotropy, distribution,
+                                            compensation, 0.5f, 1, 0.7f, 1, 0.6f, 1, 0, 0.4f});
+  };
+  const auto frosted = [&](float distribution) {
+    return std::vector<ParamBlock>{
+        glass(1.5f, 0.3f, 0, distribution, 1),    glass(1.5f, 0.3f, 0, distribution, 0),
+        glass(0.6f, 1.0f, 0, distribution, 1),    glass(0.6f, 0.5f, 0, distribution, 0),
+        glass(2.5f, 0.0201f, 0, distribution, 1), glass(1.3f, 0.7f, -0.6f, distribution, 1),
+        glass(1.02f, 0.9f, 0, distribution, 1),   glass(1.3f, 0.7f, 0.6f, distribution, 0)};
+  };
+  plain_is_the_whole<Dielectric, RoughDielectric<Facets::ggx>>(frosted(0));
+  plain_is_the_whole<Dielectric, RoughDielectric<Facets::beckmann>>(frosted(1));
+  // What is as good as smooth is so on either side of it.
+  for_each_plain_form<Dielectric>([&]<class Form>(u32) {
+    CHECK(!Form::fits(from_block<Dielectric>(glass(1.5f, 0.01f, 0, 0, 1))));
+    CHECK(!Form::fits(from_block<Dielectric>(glass(1.00001f, 0.9f, 0, 1, 1))));
+  });
 }
 
 // How often mirrors are followed changes neither what comes back nor what densities say, but how
