@@ -99,24 +99,32 @@ PH_INLINE float airy(float first, float second, float fringe) {
   return (a + b + c) / max(1.0f + a * b + c, 1e-6f);
 }
 
-// Share that a film reflects, in linear RGB: the spectrum at some wavelengths, weighted by what the
-// eye makes of them. `base` is the index of what lies below, channel by channel.
+// Share that a film reflects of one channel of linear RGB, by what the eye makes of wavelengths.
+// fringe: of each of these, the cosine of the phase that the film adds. The loop over them becomes
+// vectors, so the sum is one by itself.
+PH_INLINE float film_channel(const Amplitudes& top, const Amplitudes& below,
+                             const float (&fringe)[kFilmWavelengths], u32 channel) {
+  float share[kFilmWavelengths], sum = 0.0f;
+  for (u32 i = 0; i < kFilmWavelengths; ++i) {
+    share[i] = 0.5f * (airy(top.s, below.s, fringe[i]) + airy(top.p, below.p, fringe[i]));
+  }
+  for (u32 i = 0; i < kFilmWavelengths; ++i) sum += kFilmWeights[3 * i + channel] * share[i];
+  return clamp(sum, 0.0f, 1.0f);
+}
+
+// And of all three; `base` is the index of what lies below, channel by channel.
 inline Vec3 film_albedo(float cosine, float ior, float thickness, Vec3 base) {
   const Amplitudes top = amplitudes(cosine, ior);
-  const Amplitudes r = amplitudes(top.cos_t, base.x / ior), g = amplitudes(top.cos_t, base.y / ior),
-                   b = amplitudes(top.cos_t, base.z / ior);
-  Vec3 sum = {0, 0, 0};
+  float fringe[kFilmWavelengths];
   for (u32 i = 0; i < kFilmWavelengths; ++i) {
     const float turns =
         2.0f * ior * thickness * top.cos_t / (kFilmFirst + kFilmStep * static_cast<float>(i));
-    const float fringe = cos_sin_turns(turns - floor(turns)).c;
-    const float* weight = kFilmWeights + 3 * i;
-    const auto both = [&](const Amplitudes& below) {
-      return 0.5f * (airy(top.s, below.s, fringe) + airy(top.p, below.p, fringe));
-    };
-    sum += Vec3{weight[0] * both(r), weight[1] * both(g), weight[2] * both(b)};
+    fringe[i] = cos_sin_turns(turns - floor(turns)).c;
   }
-  return {clamp(sum.x, 0.0f, 1.0f), clamp(sum.y, 0.0f, 1.0f), clamp(sum.z, 0.0f, 1.0f)};
+  const auto channel = [&](float index, u32 number) {
+    return film_channel(top, amplitudes(top.cos_t, index / ior), fringe, number);
+  };
+  return {channel(base.x, 0), channel(base.y, 1), channel(base.z, 2)};
 }
 
 // The index of a dielectric that reflects this much at normal incidence.
@@ -349,13 +357,15 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   const float gloss_share = dull > 0.0f ? coat_reflected(gloss_coat(l.facets, ior), l.wo) : 0.0f;
   Vec3 on_metal = {0, 0, 0}, on_other = {0, 0, 0};
   if (m.iridescence > 0.0f) {
-    on_metal = film_albedo(l.wo.z, m.iridescence_ior, m.iridescence_thickness,
-                           {index_of_reflectance(m.color.x), index_of_reflectance(m.color.y),
-                            index_of_reflectance(m.color.z)}) *
-               m.iridescence;
-    on_other = film_albedo(l.wo.z, m.iridescence_ior, m.iridescence_thickness,
-                           {gloss_eta, gloss_eta, gloss_eta}) *
-               m.iridescence;
+    const auto film = [&](float x, float y, float z) {
+      return film_albedo(l.wo.z, m.iridescence_ior, m.iridescence_thickness, {x, y, z}) *
+             m.iridescence;
+    };
+    if (metal > 0.0f) {
+      on_metal = film(index_of_reflectance(m.color.x), index_of_reflectance(m.color.y),
+                      index_of_reflectance(m.color.z));
+    }
+    if (other > 0.0f) on_other = film(gloss_eta, gloss_eta, gloss_eta);
   }
   l.base = make_base(m.color, m.specular_color, metal, dull, gloss_share, bare,
                      on_metal * metal + on_other * other, on_other);
