@@ -35,8 +35,12 @@
 //     F::FromPlace, F::ToPlace        of floats: where they have it
 //     place_from(f, wo), place_to(f, wi)      find that, without branches
 //     from(f, place), to(f, place)    look it up, for one path after the other
+//     F::LayerPlace, layer_place_from(f, wo), from(f, place, layer_place)
+//                           if there is more than compilers make vectors of in one loop
 //     evaluate(f, from, to, wo, wi)
-//     choose(f, from, wo, u, wi)      the direction of a sample; false where the path ends
+//     lobes(f, from)        the chances of two lobes
+//     upper_part(f, from)   if the first is two of different layers: that of the upper one in it
+//     choose(f, lobe, wo, wi)         the direction of a sample of one; false where the path ends
 //     gloss(f, wo), or, with tables, gloss(f, from, wo)      if it has any: Gloss (microfacet.h)
 //     let_out(f, wo)        of an opaque form that scatters, but for a mirror image, by one factor
 //                           of wo and another of wi: the former, of wo.z alone
@@ -74,10 +78,15 @@ struct LobeChances {
 struct PickedLobe {
   bool first;
   Vec2 number;
+  bool upper;  // of the first, if that is two
 };
 PH_INLINE PickedLobe pick(LobeChances chances, Vec2 u) {
   const bool first = first_lobe(chances.first, chances.other, u);
-  return {first, u};
+  return {first, u, false};
+}
+// Of two that are the first, with the chance of the upper one among them.
+PH_INLINE void pick_upper(float part, PickedLobe& lobe) {
+  if (lobe.first) lobe.upper = first_lobe(part, 1.0f - part, lobe.number);
 }
 
 struct BsdfSample {
@@ -145,6 +154,8 @@ template <class Form>
 concept LooksFrom = requires { typename Form::From; };
 template <class Form>
 concept NeedsTables = LooksFrom<Form> && requires { typename Form::To; };
+template <class Form>
+concept LooksThroughLayers = LooksFrom<Form> && requires { typename Form::LayerPlace; };
 
 // Forms that tell how much of what they scatter is gloss.
 template <class Form>

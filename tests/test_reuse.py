@@ -300,6 +300,8 @@ GLOSSY = {
     ),
     "silver": ph.Material("conductor", **COLORS, roughness=0.6),
     "fuzzy": ph.Material("metal", **COLORS, fuzz=0.7),
+    "coated": ph.Material("principled", **COLORS, clearcoat=1, clearcoat_roughness=0.5),
+    "velvet": ph.Material("principled", **COLORS, sheen_color=(0.5, 0.5, 0.5)),
     "gilt": ph.Material("principled", **COLORS, roughness=0.5, metallic=1.0),
 }
 

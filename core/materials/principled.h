@@ -27,7 +27,7 @@ struct Principled {
   float iridescence, iridescence_ior, iridescence_thickness;
   float dispersion;
 
-  using Plain = PlainForms<struct PlainPrincipled>;
+  using Plain = PlainForms<struct PlainPrincipled, struct LayeredPrincipled>;
   static constexpr bool transmits = true;
   static constexpr bool lobe_draws = true;
   static constexpr const char* doc =
@@ -67,17 +67,24 @@ PH_INLINE float sheen_alpha(const Principled& m) {
   return max(m.sheen_roughness * m.sheen_roughness, kLeastSheenAlpha);
 }
 
-// f |cos wi|
+// f |cos wi|, without branches
 PH_INLINE float sheen_value(float alpha, Vec3 wo, Vec3 wi) {
   const Vec3 h = normalize(wo + wi);
-  const float sine = safe_sqrt(1.0f - h.z * h.z), power = 1.0f / alpha;
-  const float density = (2.0f + power) * pow(sine, power) * (0.5f / kPi);
-  return density * wi.z / (4.0f * (wo.z + wi.z - wo.z * wi.z));
+  const float sine = sqrt(max(1.0f - h.z * h.z, 1e-16f)), power = 1.0f / alpha;
+  const float density = (2.0f + power) * exp_within(power * log_within(sine)) * (0.5f / kPi);
+  return density * wi.z / max(4.0f * (wo.z + wi.z - wo.z * wi.z), 1e-20f);
 }
 
-PH_INLINE float sheen_albedo(float alpha, Vec3 wo) {
+// Where its table has the light from w, on either side.
+struct SheenPlace {
+  Cubic angle, alpha;
+};
+PH_INLINE SheenPlace sheen_place(float alpha, Vec3 w) {
   const float y = (alpha - kLeastSheenAlpha) / (1.0f - kLeastSheenAlpha);
-  return grid(kSheenAlbedo, cubic(sqrt(wo.z), kSheenAngles), kSheenAngles, cubic(y, kSheenAlphas));
+  return {cubic(sqrt(abs(w.z)), kSheenAngles), cubic(y, kSheenAlphas)};
+}
+inline float sheen_albedo(const SheenPlace& at) {
+  return grid(kSheenAlbedo, at.angle, kSheenAngles, at.alpha);
 }
 
 // --- Thin film --------------------------------------------------------------------------------
@@ -289,9 +296,179 @@ PH_INLINE bool choose(const PlainPrincipled& m, const PickedLobe& lobe, Vec3 wo,
 // --- Layers -----------------------------------------------------------------------------------
 
 // The lobes that are sampled.
-enum Lobe : u32 { kMirrorLobe, kMatteLobe, kGlassLobe, kCoatLobe, kSheenLobe, kLobes };
+enum Lobe : u32 { kMirrorLobe, kCoatLobe, kGlassLobe, kMatteLobe, kSheenLobe, kLobes };
 
-// What is left for each lobe of the light towards wo, above the surface as it is seen.
+// The chances of lobes, by what each reflects.
+struct LayerChances {
+  float of[kLobes];
+};
+PH_INLINE LayerChances chances_of(const Base& base, float glass, float coat, float sheen) {
+  LayerChances c = {{base.mirror_share, coat, glass, base.matte_share, sheen}};
+  float sum = 0.0f;
+  for (const float share : c.of) sum += share;
+  for (u32 i = 0; i < kLobes; ++i) {
+    c.of[i] = sum > 0.0f ? c.of[i] / sum : (i == 0 ? 1.0f : 0.0f);
+  }
+  return c;
+}
+
+// Mirrors are picked before what else there is, and of them the coat with this chance.
+PH_INLINE LobeChances lobes(const LayerChances& c) {
+  return {c.of[kMirrorLobe] + c.of[kCoatLobe],
+          c.of[kGlassLobe] + c.of[kMatteLobe] + c.of[kSheenLobe]};
+}
+PH_INLINE float upper_part(const LayerChances& c) {
+  return c.of[kCoatLobe] > 0.0f ? c.of[kCoatLobe] / (c.of[kMirrorLobe] + c.of[kCoatLobe]) : 0.0f;
+}
+
+// What sheen and the coat add to `sum`, which are above the base.
+PH_INLINE void add_layers(Vec3 sheen_color, float sheen_alpha, const Microfacets& coat,
+                          float coat_ior, float coat_weight, float coat_chance, Vec3 wo, Vec3 wi,
+                          PrincipledValue& sum) {
+  const Reflection c = reflection(coat, wo, wi, false);
+  const float share = fresnel_dielectric(min(c.facing, 1.0f), coat_ior).reflected;
+  sum.value += sheen_color * sheen_value(sheen_alpha, wo, wi);
+  sum.value += Vec3{1, 1, 1} * (coat_weight * share * c.value);
+  sum.pdf += coat_chance * c.pdf;
+}
+
+// What layers leave to the base of the light towards wo, and the chances of lobes.
+struct LayerShares {
+  Base base;
+  float coat_weight;
+  LayerChances chance;
+};
+
+PH_INLINE Microfacets coat_facets(float roughness) {
+  return microfacets(max(roughness, kLeastRoughness), 0.0f, 0.0f);
+}
+
+// What most of the others are: opaque and isotropic, of a smooth body, without film.
+struct LayeredPrincipled {
+  Vec3 color;
+  float metallic, roughness, ior;  // as in PlainPrincipled
+  Vec3 specular_color;
+  float clearcoat, clearcoat_roughness, clearcoat_ior;
+  Vec3 sheen_color;
+  float sheen_alpha;
+
+  static constexpr bool opaque = true;
+
+  struct From {
+    float gain, gloss_share, coat_share, sheen_share;
+  };
+  struct To {
+    float gain;
+  };
+  using FromPlace = PlainPrincipled::FromPlace;
+  struct LayerPlace {
+    CoatPlace coat;
+    SheenPlace sheen;
+  };
+  using ToPlace = MetalPlace;
+
+  PH_INLINE static bool fits(const Principled& m) {
+    return m.transmission == 0.0f && m.iridescence == 0.0f && m.anisotropy == 0.0f &&
+           m.diffuse_roughness == 0.0f && !PlainPrincipled::fits(m);
+  }
+  PH_INLINE static LayeredPrincipled of(const Principled& m) {
+    return {m.color,
+            m.metallic,
+            max(m.roughness, kLeastRoughness),
+            scaled_index(m.ior, m.specular),
+            m.specular_color,
+            m.clearcoat,
+            max(m.clearcoat_roughness, kLeastRoughness),
+            m.clearcoat_ior,
+            m.sheen_color,
+            PH_ISA::sheen_alpha(m)};
+  }
+};
+
+PH_INLINE Microfacets facets(const LayeredPrincipled& m) {
+  return microfacets(m.roughness, 0.0f, 0.0f);
+}
+PH_INLINE Microfacets coat_facets(const LayeredPrincipled& m) {
+  return microfacets(m.clearcoat_roughness, 0.0f, 0.0f);
+}
+
+PH_INLINE LayerShares shares(const LayeredPrincipled& m, const LayeredPrincipled::From& seen) {
+  LayerShares s;
+  float under = 1.0f - max_component(m.sheen_color) * seen.sheen_share;
+  s.coat_weight = under * m.clearcoat;
+  under *= 1.0f - m.clearcoat * seen.coat_share;
+  const float metal = under * m.metallic;
+  s.base = make_base(m.color, m.specular_color, metal, under - metal, seen.gloss_share, 1.0f,
+                     {0, 0, 0}, {0, 0, 0});
+  s.chance = chances_of(s.base, 0.0f, s.coat_weight * seen.coat_share,
+                        mean(m.sheen_color) * seen.sheen_share);
+  return s;
+}
+
+PH_INLINE MetalPlace place_to(const LayeredPrincipled& m, Vec3 wi) {
+  return metal_place(facets(m), wi);
+}
+PH_INLINE LayeredPrincipled::FromPlace place_from(const LayeredPrincipled& m, Vec3 wo) {
+  return {place_to(m, wo), coat_place(gloss_coat(facets(m), m.ior), wo)};
+}
+PH_INLINE LayeredPrincipled::LayerPlace layer_place_from(const LayeredPrincipled& m, Vec3 wo) {
+  return {coat_place(make_coat(coat_facets(m), m.clearcoat_ior), wo),
+          sheen_place(m.sheen_alpha, wo)};
+}
+inline LayeredPrincipled::To to(const LayeredPrincipled& m, const MetalPlace& at) {
+  return {m.metallic > 0.0f ? metal_gain(Facets::ggx, at) : 1.0f};
+}
+inline LayeredPrincipled::From from(const LayeredPrincipled& m,
+                                    const LayeredPrincipled::FromPlace& at,
+                                    const LayeredPrincipled::LayerPlace& layers) {
+  return {to(m, at.metal).gain, m.metallic < 1.0f ? coat_reflected(Facets::ggx, at.gloss) : 0.0f,
+          m.clearcoat > 0.0f ? coat_reflected(Facets::ggx, layers.coat) : 0.0f,
+          black(m.sheen_color) ? 0.0f : sheen_albedo(layers.sheen)};
+}
+
+PH_INLINE BsdfValue evaluate(const LayeredPrincipled& m, const LayeredPrincipled::From& seen,
+                             const LayeredPrincipled::To& to, Vec3 wo, Vec3 wi) {
+  const float above = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
+  wo.z = abs(wo.z);
+  wi.z = abs(wi.z);
+  const LayerShares s = shares(m, seen);
+  PrincipledValue v = {{0, 0, 0}, 0.0f};
+  add_base(s.base, facets(m), m.ior, m.color, {m.color, 0.0f}, seen.gain * to.gain,
+           s.chance.of[kMirrorLobe], s.chance.of[kMatteLobe] + s.chance.of[kSheenLobe], wo, wi, v);
+  add_layers(m.sheen_color, m.sheen_alpha, coat_facets(m), m.clearcoat_ior, s.coat_weight,
+             s.chance.of[kCoatLobe], wo, wi, v);
+  return {v.value * above, v.pdf * above};
+}
+
+// Of the base and the coat, of the alpha of what mirrors more.
+PH_INLINE Gloss gloss(const LayeredPrincipled& m, const LayeredPrincipled::From& seen, Vec3 wo) {
+  const LayerShares s = shares(m, seen);
+  const float coat = s.coat_weight * seen.coat_share;
+  const float matte = s.base.matte_share + mean(m.sheen_color) * seen.sheen_share;
+  const Gloss of_base = gloss_of(facets(m), s.base.mirror_share, matte + coat, wo);
+  const Gloss of_coat = gloss_of(coat_facets(m), coat, matte + s.base.mirror_share, wo);
+  return of_coat.share > of_base.share ? of_coat : of_base;
+}
+
+PH_INLINE LobeChances lobes(const LayeredPrincipled& m, const LayeredPrincipled::From& seen) {
+  return lobes(shares(m, seen).chance);
+}
+
+PH_INLINE float upper_part(const LayeredPrincipled& m, const LayeredPrincipled::From& seen) {
+  return upper_part(shares(m, seen).chance);
+}
+
+PH_INLINE bool choose(const LayeredPrincipled& m, const PickedLobe& lobe, Vec3 wo, Vec3& wi) {
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
+  const Microfacets d = microfacets(lobe.upper ? m.clearcoat_roughness : m.roughness, 0.0f, 0.0f);
+  const Vec3 mirror = mirrored(above, sample_visible_normal(d, above, lobe.number));
+  wi = select(lobe.first, mirror, cosine_hemisphere(lobe.number));
+  const bool found = wi.z > 0.0f;
+  wi.z = copysign(wi.z, wo.z);
+  return found;
+}
+
+// What any leaves for each lobe of the light towards wo, above the surface as it is seen.
 struct Layers {
   Vec3 wo;
   Microfacets facets;
@@ -301,10 +478,8 @@ struct Layers {
   float eta;         // its index of the far side over the near one
   bool compensated;  // there is metal or film, and
   float gain_o;      // metal_gain(wo)
-  Base base;
+  LayerShares shares;
   Vec3 glass;
-  float coat_weight;
-  float chance[kLobes];
 };
 
 // In the frame of the microfacets: x along their axis, z towards the side of wo.
@@ -339,14 +514,13 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
   const float sheen = max_component(m.sheen_color);
   float sheen_share = 0.0f;
   if (sheen > 0.0f) {
-    sheen_share = sheen_albedo(sheen_alpha(m), l.wo);
+    sheen_share = sheen_albedo(sheen_place(sheen_alpha(m), l.wo));
     under -= sheen * sheen_share;
   }
-  l.coat_weight = under * m.clearcoat;
+  l.shares.coat_weight = under * m.clearcoat;
   float coat_share = 0.0f;
   if (m.clearcoat > 0.0f) {
-    l.coat = make_coat(microfacets(max(m.clearcoat_roughness, kLeastRoughness), 0.0f, 0.0f),
-                       m.clearcoat_ior);
+    l.coat = make_coat(coat_facets(m.clearcoat_roughness), m.clearcoat_ior);
     coat_share = coat_reflected(l.coat, l.wo);
     under *= 1.0f - m.clearcoat * coat_share;
   }
@@ -367,41 +541,32 @@ inline Layers prepare(const Principled& m, Vec3 world_wo) {
     }
     if (other > 0.0f) on_other = film(gloss_eta, gloss_eta, gloss_eta);
   }
-  l.base = make_base(m.color, m.specular_color, metal, dull, gloss_share, bare,
-                     on_metal * metal + on_other * other, on_other);
+  Base& base = l.shares.base;
+  base = make_base(m.color, m.specular_color, metal, dull, gloss_share, bare,
+                   on_metal * metal + on_other * other, on_other);
   l.glass = rest(on_other) * clear;
-
-  const float share[kLobes] = {l.base.mirror_share, l.base.matte_share, mean(l.glass),
-                               l.coat_weight * coat_share, mean(m.sheen_color) * sheen_share};
-  float sum = 0.0f;
-  for (const float s : share) sum += s;
-  for (u32 i = 0; i < kLobes; ++i) {
-    l.chance[i] = sum > 0.0f ? share[i] / sum : static_cast<float>(i == 0);
-  }
-  if (l.chance[kGlassLobe] > 0.0f) l.inner.albedo = glass_albedo(l.facets, l.wo, l.eta);
+  l.shares.chance = chances_of(base, mean(l.glass), l.shares.coat_weight * coat_share,
+                               mean(m.sheen_color) * sheen_share);
+  if (l.shares.chance.of[kGlassLobe] > 0.0f) l.inner.albedo = glass_albedo(l.facets, l.wo, l.eta);
   return l;
 }
 
 // wi in the frame of l.wo.
 inline PrincipledValue value_within(const Principled& m, const Layers& l, Vec3 wi) {
   PrincipledValue r = {{0, 0, 0}, 0.0f};
-  if (l.chance[kGlassLobe] > 0.0f) {
+  const float (&chance)[kLobes] = l.shares.chance.of;
+  if (chance[kGlassLobe] > 0.0f) {
     const DielectricValue v = rough_value(l.inner, l.eta, l.wo, wi);
-    r = {l.glass * v.value, l.chance[kGlassLobe] * v.pdf};
+    r = {l.glass * v.value, chance[kGlassLobe] * v.pdf};
   }
   if (!(wi.z > 0.0f) || !(l.wo.z > 0.0f)) return r;
 
   const float gain = l.compensated ? l.gain_o * metal_gain(l.facets, wi) : 1.0f;
-  add_base(l.base, l.facets, l.inner.ior, m.color, l.body, gain, l.chance[kMirrorLobe],
-           l.chance[kMatteLobe] + l.chance[kSheenLobe], l.wo, wi, r);
-  if (l.chance[kSheenLobe] > 0.0f) {
-    r.value += m.sheen_color * sheen_value(sheen_alpha(m), l.wo, wi);
-  }
-  if (l.coat_weight > 0.0f) {
-    const Reflection c = reflection(l.coat.facets, l.wo, wi, false);
-    const float share = fresnel_dielectric(min(c.facing, 1.0f), l.coat.eta).reflected;
-    r.value += Vec3{1, 1, 1} * (l.coat_weight * share * c.value);
-    r.pdf += l.chance[kCoatLobe] * c.pdf;
+  add_base(l.shares.base, l.facets, l.inner.ior, m.color, l.body, gain, chance[kMirrorLobe],
+           chance[kMatteLobe] + chance[kSheenLobe], l.wo, wi, r);
+  if (chance[kSheenLobe] > 0.0f || l.shares.coat_weight > 0.0f) {
+    add_layers(m.sheen_color, sheen_alpha(m), coat_facets(m.clearcoat_roughness), m.clearcoat_ior,
+               l.shares.coat_weight, chance[kCoatLobe], l.wo, wi, r);
   }
   return r;
 }
@@ -412,22 +577,26 @@ inline PrincipledValue evaluate(const Principled& m, const Layers& l, Vec3 wo, V
 
 inline bool sample(const Principled& m, const Layers& l, Vec3 wo, const BsdfDraws& u,
                    BsdfSample& out) {
-  Vec2 number = u.direction;
-  u32 lobe = 0;
-  while (lobe + 1 < kLobes && number.x >= l.chance[lobe]) number.x -= l.chance[lobe++];
-  // Where rounding leaves the last lobe something that has no chance, min passes over the NaN.
-  number.x = min(number.x / l.chance[lobe], 0x1.fffffep-1f);
+  const LayerChances& c = l.shares.chance;
+  const LobeChances chances = lobes(c);
+  PickedLobe lobe = pick(chances, u.direction);
   Vec3 wi;
-  switch (lobe) {
-    case kMirrorLobe: wi = mirrored(l.wo, sample_visible_normal(l.facets, l.wo, number)); break;
-    case kCoatLobe: wi = mirrored(l.wo, sample_visible_normal(l.coat.facets, l.wo, number)); break;
-    case kGlassLobe:
-      if (!choose_rough(l.inner, l.eta, l.wo, {number, u.lobe}, wi)) return false;
-      if (wi.z < 0.0f) out.eta = l.eta;
-      break;
-    default: wi = cosine_hemisphere(number);
+  bool glass = false;
+  pick_upper(upper_part(c), lobe);
+  if (lobe.first) {
+    const Microfacets& d = lobe.upper ? l.coat.facets : l.facets;
+    wi = mirrored(l.wo, sample_visible_normal(d, l.wo, lobe.number));
+  } else {
+    const float part = c.of[kGlassLobe] / chances.other;
+    glass = first_lobe(part, 1.0f - part, lobe.number);
+    if (!glass) wi = cosine_hemisphere(lobe.number);
   }
-  if (lobe != kGlassLobe && !(wi.z > 0.0f)) return false;
+  if (glass) {
+    if (!choose_rough(l.inner, l.eta, l.wo, {lobe.number, u.lobe}, wi)) return false;
+    if (wi.z < 0.0f) out.eta = l.eta;
+  } else if (!(wi.z > 0.0f)) {
+    return false;
+  }
   const PrincipledValue v = value_within(m, l, wi);
   if (!(v.pdf > 0.0f)) return false;
   out.pdf = v.pdf;

@@ -46,11 +46,26 @@ PH_APART inline void find_places_from(const PlainSurfaces& __restrict v,
     places.set(k, place_from(v.plain.at<Form>(k), v.local_wo.at(k)));
   }
 }
+template <LooksThroughLayers Form>
+PH_APART inline void find_layer_places(const PlainSurfaces& __restrict v,
+                                       Rows<typename Form::LayerPlace, kBatch>& __restrict places) {
+  for (u32 k = 0; k < kBatch; ++k) {
+    places.set(k, layer_place_from(v.plain.at<Form>(k), v.local_wo.at(k)));
+  }
+}
 template <LooksFrom Form>
 inline void look_up_from(u32 lanes, PlainSurfaces& v) {
   Rows<typename Form::FromPlace, kBatch> places;
   find_places_from<Form>(v, places);
-  for_each_bit(lanes, [&](u32 k) { v.from.set(k, from(v.plain.at<Form>(k), places.at(k))); });
+  if constexpr (LooksThroughLayers<Form>) {
+    Rows<typename Form::LayerPlace, kBatch> layers;
+    find_layer_places<Form>(v, layers);
+    for_each_bit(lanes, [&](u32 k) {
+      v.from.set(k, from(v.plain.at<Form>(k), places.at(k), layers.at(k)));
+    });
+  } else {
+    for_each_bit(lanes, [&](u32 k) { v.from.set(k, from(v.plain.at<Form>(k), places.at(k))); });
+  }
 }
 
 // and of others.

@@ -22,14 +22,21 @@ struct Sampled {
 
 // Which lobes scatter of forms that have two.
 struct PickedLobes {
-  u32 first[kBatch];
+  u32 first[kBatch], upper[kBatch];
   float number[2][kBatch];
 
-  PH_INLINE PickedLobe at(u32 k) const { return {first[k] != 0, {number[0][k], number[1][k]}}; }
+  PH_INLINE PickedLobe at(u32 k) const {
+    return {first[k] != 0, {number[0][k], number[1][k]}, upper[k] != 0};
+  }
 };
 
 template <class Form>
 concept HasTwoLobes = NeedsTables<Form> || requires(const Form& m, Vec3 wo) { lobes(m, wo); };
+
+template <class Form>
+concept HasUpperLobe =
+    NeedsTables<Form> &&
+    requires(const Form& m, const typename Form::From& seen) { upper_part(m, seen); };
 
 // In loops of their own: compilers would make branches of it in those that use what was picked.
 template <class Form>
@@ -52,7 +59,26 @@ PH_APART inline void pick_lobes(const Vertices& __restrict v, const BounceDraws&
   for (u32 k = 0; k < kBatch; ++k) {
     const bool is = draws.direction[0][k] < first[k];
     picked.first[k] = is ? 1u : 0u;
+    picked.upper[k] = 0;
     picked.number[0][k] = is ? if_first[k] : if_other[k];
+  }
+}
+
+// Of those that have picked the first, which is two.
+template <class Form>
+PH_APART inline void pick_uppers(const Vertices& __restrict v, PickedLobes& __restrict picked) {
+  float part[kBatch], if_upper[kBatch], if_lower[kBatch];
+  for (u32 k = 0; k < kBatch; ++k) {
+    const float u = picked.number[0][k];
+    part[k] = upper_part(v.plain.at<Form>(k), v.from.at<typename Form::From>(k));
+    if_upper[k] = left_of_first(part[k], u);
+    if_lower[k] = left_of_other(part[k], 1.0f - part[k], u);
+  }
+  for (u32 k = 0; k < kBatch; ++k) {
+    const float u = picked.number[0][k];
+    const bool first = picked.first[k] != 0, is = u < part[k];
+    picked.upper[k] = (first & is) ? 1u : 0u;
+    picked.number[0][k] = first ? (is ? if_upper[k] : if_lower[k]) : u;
   }
 }
 
@@ -190,6 +216,7 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
           Sampled& all = some ? apart : next;
           PickedLobes picked;
           if constexpr (HasTwoLobes<Form>) pick_lobes<Form>(v, draws, picked);
+          if constexpr (HasUpperLobe<Form>) pick_uppers<Form>(v, picked);
           if constexpr (NeedsTables<Form>) {
             Rows<TableBlock, kBatch> tables = {};
             choose_plain<Form>(v, picked, all);

@@ -6,7 +6,7 @@ namespace parhelion::PH_ISA {
 
 // The most parameters that a material's plain form may have (bsdf.h).
 struct PlainBlock {
-  float value[12];
+  float value[16];
 };
 
 // The most that tables may have of a direction for such a form.

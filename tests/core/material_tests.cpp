@@ -47,9 +47,17 @@ void lobes_share_even_numbers() {
 }
 
 template <class Form>
+auto seen_from(const Form& form, Vec3 wo) {
+  if constexpr (baseline::LooksThroughLayers<Form>) {
+    return from(form, place_from(form, wo), layer_place_from(form, wo));
+  } else {
+    return from(form, place_from(form, wo));
+  }
+}
+template <class Form>
 auto whole_of(const Form& form, Vec3 wo) {
   if constexpr (baseline::LooksFrom<Form>) {
-    return form.whole(from(form, place_from(form, wo)));
+    return form.whole(seen_from(form, wo));
   } else {
     return form.whole();
   }
@@ -57,7 +65,7 @@ auto whole_of(const Form& form, Vec3 wo) {
 template <class Form>
 baseline::BsdfValue value_plainly(const Form& form, Vec3 wo, Vec3 wi) {
   if constexpr (baseline::NeedsTables<Form>) {
-    const auto seen = from(form, place_from(form, wo));
+    const auto seen = seen_from(form, wo);
     return evaluate(form, seen, to(form, place_to(form, wi)), wo, wi);
   } else {
     return value_of(whole_of(form, wo), wo, wi);
@@ -67,9 +75,11 @@ template <class Form>
 bool sample_plainly(const Form& form, Vec3 wo, const baseline::BsdfDraws& u,
                     baseline::BsdfSample& out) {
   if constexpr (baseline::NeedsTables<Form>) {
-    const auto seen = from(form, place_from(form, wo));
+    const auto seen = seen_from(form, wo);
+    baseline::PickedLobe lobe = pick(lobes(form, seen), u.direction);
+    if constexpr (requires { upper_part(form, seen); }) pick_upper(upper_part(form, seen), lobe);
     Vec3 wi;
-    return choose(form, pick(lobes(form, seen), u.direction), wo, wi) &&
+    return choose(form, lobe, wo, wi) &&
            weigh_sample(form, seen, to(form, place_to(form, wi)), wo, wi, out);
   } else {
     return sample(whole_of(form, wo), wo, u, out);
@@ -178,9 +188,26 @@ void plain_materials_are_the_whole() {
     m.*layer = 0.1f;
     CHECK(!PlainPrincipled::fits(m));
   }
-  Principled velvet = principled(0.5f, 0.5f, 1.5f, 1);
-  velvet.sheen_color.y = 0.1f;
+  const auto layered = [&](float metallic, float coat, float coat_roughness, Vec3 sheen) {
+    Principled m = principled(metallic, 0.5f, 1.5f, 1);
+    m.clearcoat = coat, m.clearcoat_roughness = coat_roughness, m.sheen_color = sheen;
+    return m;
+  };
+  const Principled velvet = layered(0.0f, 0.0f, 0.1f, {0, 0.1f, 0});
   CHECK(!PlainPrincipled::fits(velvet));
+  Principled black = layered(0.0f, 1.0f, 0.3f, {0, 0, 0}), blacker = black;
+  black.color = {0, 0, 0}, black.specular = 0.0f;
+  blacker.color = blacker.specular_color = {0, 0, 0}, blacker.clearcoat_ior = 1.0f;
+  plain_is_the_whole<Principled, LayeredPrincipled>(
+      {as_block(velvet), as_block(layered(0.0f, 1.0f, 0.0f, {0, 0, 0})),
+       as_block(layered(1.0f, 0.3f, 1.0f, {0, 0, 0})), as_block(layered(1.0f, 0.0f, 0, {1, 1, 1})),
+       as_block(layered(0.4f, 0.7f, 0.2f, {1, 0.5f, 0.2f})), as_block(black), as_block(blacker)});
+  for (float Principled::* layer : {&Principled::transmission, &Principled::iridescence,
+                                    &Principled::anisotropy, &Principled::diffuse_roughness}) {
+    Principled m = layered(0.5f, 0.5f, 0.1f, {0.5f, 0, 0});
+    m.*layer = 0.1f;
+    CHECK(!LayeredPrincipled::fits(m));
+  }
   const auto plastic = [](float ior, float roughness, float nonlinear, float compensation,
                           float distribution = 0) {
     return block(MaterialKind::plastic, {0.8f, 0.0f, 0.3f, 1, 0.9f, 0.7f, ior, roughness,
