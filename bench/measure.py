@@ -20,6 +20,7 @@ from typing import Any
 from .equal import equal
 from .lights import lights
 from .loading import loading
+from .materials import materials
 from .memory import memory
 from .noise import noise
 from .overhead import overhead
@@ -261,6 +262,7 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
     "overhead": overhead,
     "memory": memory,
     "lights": lights,
+    "materials": materials,
     "loading": loading,
     "trajectories": trajectories,
     "references": references,
@@ -269,7 +271,7 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
 }
 
 # What is not measured unless it is asked for: whether pictures are right, and what takes long.
-ASKED = ("references", "equal", "threads", "noise", "sharing")
+ASKED = ("references", "equal", "threads", "noise", "sharing", "materials")
 
 
 def alternate(
