@@ -20,7 +20,6 @@ from typing import Any
 from .equal import equal
 from .lights import lights
 from .loading import loading
-from .materials import materials
 from .memory import memory
 from .noise import noise
 from .overhead import overhead
@@ -30,6 +29,7 @@ from .references import references
 from .scenes import GALLERY, BenchError
 from .sharing import sharing
 from .summary import Row, ratios
+from .surfaces import surfaces
 from .threads import EFFICIENCY, threads
 from .trajectories import trajectories
 from .trees import trees
@@ -262,7 +262,7 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
     "overhead": overhead,
     "memory": memory,
     "lights": lights,
-    "materials": materials,
+    "surfaces": surfaces,
     "loading": loading,
     "trajectories": trajectories,
     "references": references,
@@ -271,7 +271,7 @@ GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
 }
 
 # What is not measured unless it is asked for: whether pictures are right, and what takes long.
-ASKED = ("references", "equal", "threads", "noise", "sharing", "materials")
+ASKED = ("references", "equal", "threads", "noise", "sharing", "surfaces")
 
 
 def alternate(

@@ -39,7 +39,8 @@
 //                           if there is more than compilers make vectors of in one loop
 //     evaluate(f, from, to, wo, wi)
 //     lobes(f, from)        the chances of two lobes
-//     upper_part(f, from)   if the first is two of different layers: that of the upper one in it
+//     upper_part(f, from)   if the first is two, such as a coat and what it covers: the chance of
+//                           the upper one among them
 //     choose(f, lobe, wo, wi)         the direction of a sample of one; false where the path ends
 //     gloss(f, wo), or, with tables, gloss(f, from, wo)      if it has any: Gloss (microfacet.h)
 //     let_out(f, wo)        of an opaque form that scatters, but for a mirror image, by one factor
@@ -78,7 +79,7 @@ struct LobeChances {
 struct PickedLobe {
   bool first;
   Vec2 number;
-  bool upper;  // of the first, if that is two
+  bool upper;  // the upper one of the first, if that is two
 };
 PH_INLINE PickedLobe pick(LobeChances chances, Vec2 u) {
   const bool first = first_lobe(chances.first, chances.other, u);

@@ -80,6 +80,11 @@ PH_INLINE float far_index(float ior, Vec3 wo) {
   return copysign(1.0f, wo.z) > 0.0f ? ior : 1.0f / ior;
 }
 
+PH_INLINE Frosted frosted(Vec3 reflectance, Vec3 transmittance, float ior, const Microfacets& d,
+                          float compensation, float albedo) {
+  return {reflectance, transmittance, ior, d, albedo, compensation < 0.5f ? 1.0f : 0.0f};
+}
+
 inline float frosted_albedo(const Microfacets& d, float ior, float compensation, Vec3 wo) {
   return compensation < 0.5f ? glass_albedo(d, {wo.x, wo.y, abs(wo.z)}, far_index(ior, wo)) : 1.0f;
 }
@@ -92,13 +97,13 @@ struct DielectricValue {
 // Both for wo above the surface, with the index eta of the side below over that above, and without
 // branches.
 PH_INLINE DielectricValue rough_value(const Frosted& m, float eta, Vec3 wo, Vec3 wi) {
-  const bool reflects = wi.z > 0.0f;
+  const bool reflects = wi.z > 0.0f, above = wo.z > 0.0f;
   wo.z = max(wo.z, 1e-9f);
   // Each half vector is the normal of the facet that takes wo to wi.
   Vec3 half = wo + wi * (reflects ? 1.0f : eta);
   half = half * (copysign(1.0f, half.z) / sqrt(max(dot(half, half), 1e-30f)));
   const float facing = dot(wo, half), beyond = dot(wi, half);
-  const bool can = (facing > 0.0f) & ((beyond > 0.0f) == reflects) & (wi.z != 0.0f);
+  const bool can = above & (facing > 0.0f) & ((beyond > 0.0f) == reflects) & (wi.z != 0.0f);
   const float share = fresnel_dielectric(clamp(facing, 0.0f, 1.0f), eta).reflected;
   const float seen = visible_share(m.facets, wo), lit = visible_share(m.facets, wi);
   const float density = normal_density(m.facets, half) * seen / wo.z * (can ? 1.0f : 0.0f);
@@ -108,7 +113,7 @@ PH_INLINE DielectricValue rough_value(const Frosted& m, float eta, Vec3 wo, Vec3
   const float turned = facing * eta * eta * abs(beyond) / max(root * root, 1e-30f);
   const float pdf = density * (reflects ? share * 0.25f : (1.0f - share) * turned);
   // As in shadowing(), of heights that are correlated or not.
-  const float both = 1.0f + m.correlated * (seen + lit - seen * lit - 1.0f);
+  const float both = m.correlated * (seen + lit - seen * lit) + (1.0f - m.correlated);
   const float left = pdf * lit / (max(both, 1e-30f) * m.albedo);
   return {select(reflects, m.reflectance, m.transmittance * squeezed) * left, pdf};
 }
@@ -165,8 +170,7 @@ struct RoughDielectric {
     return microfacets(roughness, anisotropy, static_cast<float>(kDistribution));
   }
   PH_INLINE Frosted whole(const From& seen) const {
-    const float correlated = compensation < 0.5f ? 1.0f : 0.0f;
-    return {reflectance, transmittance, ior, facets(), seen.albedo, correlated};
+    return frosted(reflectance, transmittance, ior, facets(), compensation, seen.albedo);
   }
 };
 
@@ -192,13 +196,8 @@ PH_INLINE SeenDielectric prepare(const Dielectric& m, Vec3 wo) {
 }
 
 PH_INLINE Frosted frosted(const Dielectric& m, const SeenDielectric& seen) {
-  const float correlated = m.compensation < 0.5f ? 1.0f : 0.0f;
-  return {m.color * m.reflectance,
-          m.color * m.transmittance,
-          m.ior,
-          seen.facets,
-          seen.albedo,
-          correlated};
+  return frosted(m.color * m.reflectance, m.color * m.transmittance, m.ior, seen.facets,
+                 m.compensation, seen.albedo);
 }
 
 PH_INLINE DielectricValue evaluate(const Dielectric& m, const SeenDielectric& seen, Vec3 wo,

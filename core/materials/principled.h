@@ -587,6 +587,7 @@ inline bool sample(const Principled& m, const Layers& l, Vec3 wo, const BsdfDraw
     const Microfacets& d = lobe.upper ? l.coat.facets : l.facets;
     wi = mirrored(l.wo, sample_visible_normal(d, l.wo, lobe.number));
   } else {
+    // Where rounding leaves the others something though they have no chance, min passes over NaN.
     const float part = c.of[kGlassLobe] / chances.other;
     glass = first_lobe(part, 1.0f - part, lobe.number);
     if (!glass) wi = cosine_hemisphere(lobe.number);

@@ -11,8 +11,8 @@
 // What is left is halved until a piece is nearly straight and of nearly even taper. There a cone's
 // equation gives a first guess, and Newton's method the place on the curve itself. In the spirit of
 // T. Reshetov and D. Luebke, "Phantom Ray-Hair Intersector", HPG 2018, for the cones, and of K.
-// Nakamaru and Y. Ohno, "Ray Tracing for Curves Primitive", WSCG 2002, for the halving. From the
-// guess on all is in double, so that hairs may be thin and far away.
+// Nakamaru and Y. Ohno, "Ray Tracing for Curves Primitive", WSCG 2002, for the halving. From there
+// on all is in double, so that hairs may be thin and far away.
 #pragma once
 #include "point.h"
 #include "sphere.h"
@@ -135,7 +135,7 @@ struct CurveHit {
 };
 
 // Newton's method counts as arrived when it moves by less than this share of the radius: what is
-// left then is about the square of that.
+// left then is about the square of that, unless the ray only touches the surface.
 inline constexpr double kCurvePrecision = 1e-6;
 // Neighbours overlap by this share of a segment, that rounding leave no gap between them.
 inline constexpr double kCurveOverlap = 1e-7;
@@ -216,8 +216,8 @@ struct CurvePiece {
   double radius[4], bend;
 };
 
-// Calls accept(hit) for the places where the ray meets a nearly straight piece, in no order; where
-// that is true, of two not for the farther one.
+// Calls accept(hit) for the places where the ray meets a nearly straight piece, in no order. accept
+// returns whether it has taken the hit; then the farther of two may be left out.
 // margin: how far outside of the piece, in its lengths, a guess may lie.
 // False if a guess has led astray, and a smaller piece would make better ones.
 template <class F>
@@ -226,7 +226,7 @@ inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, d
   const double a = piece.a, b = piece.b;
   const DVec3(&point)[4] = piece.point;
   const double (&radius)[4] = piece.radius;
-  double enough = static_cast<double>(kInfinity);  // where it was true
+  double taken = static_cast<double>(kInfinity);  // the last place that was
   const auto offer = [&](double t, double share) {
     if (!(share >= -margin && share <= 1.0 + margin)) return true;
     double v = a + share * (b - a);
@@ -234,7 +234,7 @@ inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, d
     if (v >= -kCurveOverlap && v <= 1.0 + kCurveOverlap) {
       const CurveJet j = jet(c, v);
       const bool leaving = !flat && dot(c.direction * t - j.p, c.direction) > 0.0;
-      if (accept(CurveHit{t + c.start, clamp(v, 0.0, 1.0), leaving})) enough = t;
+      if (accept(CurveHit{t + c.start, clamp(v, 0.0, 1.0), leaving})) taken = t;
     }
     return abs(v - 0.5 * (a + b)) <= (0.5 + margin) * (b - a);
   };
@@ -268,7 +268,7 @@ inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, d
   const double t0 = (-B - half) / A, t1 = (-B + half) / A;
   const bool first = offer(t0, (we + t0 * de) / wide);
   // What was found by the nearer guess, and closer to it than to the other.
-  if (first && t0 < t1 && enough < 0.5 * (t0 + t1)) return true;
+  if (first && t0 < t1 && taken < 0.5 * (t0 + t1)) return true;
   const bool second = offer(t1, (we + t1 * de) / wide);
   return (first && second) || !pierced;
 }
@@ -294,32 +294,41 @@ constexpr PieceWeights piece_weights() {
 }
 alignas(64) PH_TABLE PieceWeights kPieceWeights = piece_weights();
 
-// Whether rays along z, through the origin, pass by the hulls of sixteen curves' control points,
-// each widened by `reach`: 0 for those that do. Seen along the ray a hull is held against lines
-// along and across the way from its first to its last point, between which what is thin is narrow,
-// however it lies.
+// Sixteen curves' control points as rays along z see them that go through the origin, and by how
+// much their hulls are widened.
 struct HullsSeen {
   Lanes x[4], y[4], z[4], reach;
 };
-PH_INLINE LaneMask hulls_met(const HullsSeen& h, Lanes nearest, Lanes farthest) {
+// Whether the rays' lines pass through the hulls: these are held against lines along and across the
+// way from first to last point, between which what is thin is narrow, however it lies.
+PH_INLINE LaneMask hulls_met(const HullsSeen& h) {
   const Lanes along_x = h.x[3] - h.x[0], along_y = h.y[3] - h.y[0];
-  Lanes low[3], high[3];
+  Lanes low[2], high[2];
   for (int k = 0; k < 4; ++k) {
-    const Lanes at[3] = {along_x * h.x[k] + along_y * h.y[k], along_x * h.y[k] - along_y * h.x[k],
-                         h.z[k]};
-    for (int i = 0; i < 3; ++i) {
+    const Lanes at[2] = {along_x * h.x[k] + along_y * h.y[k], along_x * h.y[k] - along_y * h.x[k]};
+    for (int i = 0; i < 2; ++i) {
       low[i] = k == 0 ? at[i] : min(low[i], at[i]);
       high[i] = k == 0 ? at[i] : max(high[i], at[i]);
     }
   }
   const Lanes reach = h.reach * sqrt(along_x * along_x + along_y * along_y);
   const Lanes back = all(0.0f) - reach;
-  return (low[0] <= reach) & (back <= high[0]) & (low[1] <= reach) & (back <= high[1]) &
-         (low[2] <= farthest + h.reach) & (nearest - h.reach <= high[2]);
+  return (low[0] <= reach) & (back <= high[0]) & (low[1] <= reach) & (back <= high[1]);
+}
+// And whether some of the hulls lies between two distances.
+PH_INLINE LaneMask hulls_within(const HullsSeen& h, Lanes nearest, Lanes farthest) {
+  const Lanes low = min(min(h.z[0], h.z[1]), min(h.z[2], h.z[3]));
+  const Lanes high = max(max(h.z[0], h.z[1]), max(h.z[2], h.z[3]));
+  return (low <= farthest + h.reach) & (nearest - h.reach <= high);
 }
 
-// The pieces, as bits, that the ray may meet between two distances.
-PH_INLINE u32 pieces_met(const CurveSeen& c, const Frame& frame, double nearest, double farthest) {
+// The pieces, as bits, that the ray's line may meet, and those that it may meet between two
+// distances.
+struct PiecesMet {
+  u32 met, within;
+};
+PH_INLINE PiecesMet pieces_met(const CurveSeen& c, const Frame& frame, double nearest,
+                               double farthest) {
   const DVec3 axis[3] = {to_double(frame.x), to_double(frame.y), c.direction};
   HullsSeen h;
   double extent = 0.0;
@@ -341,12 +350,14 @@ PH_INLINE u32 pieces_met(const CurveSeen& c, const Frame& frame, double nearest,
       radius[j] = radius[j] + r * w;
     }
   }
-  // The frame is orthonormal to 1e-6, and float rounds sums of four and products by less.
+  // The frame is orthonormal to 1e-6, and sums of four and products are rounded by less than 3e-6
+  // of the control points.
   h.reach = max(max(radius[0], radius[1]), max(radius[2], radius[3])) * all(1.0f + 1e-5f) +
             all(static_cast<float>(4e-6 * extent));
   const double room = 2e-7 * abs(c.start);
-  return bits(hulls_met(h, all(static_cast<float>(nearest - c.start - room)),
-                        all(static_cast<float>(farthest - c.start + room))));
+  const u32 met = bits(hulls_met(h));
+  return {met, met & bits(hulls_within(h, all(static_cast<float>(nearest - c.start - room)),
+                                       all(static_cast<float>(farthest - c.start + room))))};
 }
 
 // Calls accept(hit) for the places where the ray meets the curve from v = a to b.
@@ -373,7 +384,7 @@ inline void meet_between(const CurveSeen& c, const Frame& frame, bool flat, doub
     }
     // The frame is orthonormal to 1e-6.
     const double reach = most * (1.0 + 1e-5) + 1e-6 * extent;
-    bool near = true;  // as the whole is known to be
+    bool near = true;  // the whole, by pieces_met
     for (u32 i = 0; i < 2 && depth > 0; ++i) {
       double low = dot(p[0], axis[i]), high = low;
       for (int k = 1; k < 4; ++k) {
@@ -409,25 +420,29 @@ inline void meet_between(const CurveSeen& c, const Frame& frame, bool flat, doub
   }
 }
 
-// Calls accept(hit) for every place where the ray meets the curve between two distances, and maybe
-// others, in no order, some of them twice; where it is true, of two close to each other maybe not
-// for the farther one.
+// Calls accept(hit), as above, for every place where the ray meets the curve between two distances,
+// and maybe others, some of them twice. How a place is found does not depend on the distances, or
+// whoever asks within others would find another one, or none.
 template <class F>
 inline void meet(const Curve& curve, Vec3 origin, Vec3 direction, double nearest, double farthest,
                  F&& accept) {
   const CurveSeen c = seen_along(curve, origin, direction);
   const Frame frame = frame_around(direction);
   const bool flat = (curve.flags & kCurveFlat) != 0;
-  u32 met = pieces_met(c, frame, nearest, farthest);
+  const PiecesMet pieces = pieces_met(c, frame, nearest, farthest);
   if (!flat) {
-    if ((curve.flags & kCurveCapStart) != 0 && (met & 1u) != 0) meet_cap(c, false, accept);
-    if ((curve.flags & kCurveCapEnd) != 0 && (met >> 15) != 0) meet_cap(c, true, accept);
+    const u32 within = pieces.within;
+    if ((curve.flags & kCurveCapStart) != 0 && (within & 1u) != 0) meet_cap(c, false, accept);
+    if ((curve.flags & kCurveCapEnd) != 0 && (within >> 15) != 0) meet_cap(c, true, accept);
   }
   // Pieces that follow each other go together.
-  while (met != 0) {
-    const u32 first = lowest_bit(met), end = first + lowest_bit(~(met >> first));
-    meet_between(c, frame, flat, first / 16.0, end / 16.0, accept);
-    met &= ~0u << end;
+  for (u32 left = pieces.met; left != 0;) {
+    const u32 first = lowest_bit(left), end = first + lowest_bit(~(left >> first));
+    const u32 run = (1u << end) - (1u << first);
+    if ((pieces.within & run) != 0) {
+      meet_between(c, frame, flat, first / 16.0, end / 16.0, accept);
+    }
+    left &= ~run;
   }
 }
 
@@ -468,7 +483,7 @@ PH_INLINE u32 intersect(const CurveBlock& block, const Ray& ray, float limit, u3
   // Rounding moves a control point by less than 16 kRounding times its distance, and what is held
   // against lines by less than 8 more.
   h.reach = widest * all(1.0f + 16.0f * kRounding) + sqrt(size) * all(24.0f * kRounding);
-  u32 candidates = bits(hulls_met(h, all(0.0f), all(limit)));
+  u32 candidates = bits(hulls_met(h) & hulls_within(h, all(0.0f), all(limit)));
   u32 hit = 0;
   for (; candidates != 0; candidates &= candidates - 1) {
     const u32 lane = lowest_bit(candidates);

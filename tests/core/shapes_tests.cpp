@@ -381,6 +381,16 @@ void curves_are_met_where_their_spheres_are(float radius, float length_, float b
     CHECK(within(bounds(c), real(at.point)));
     CHECK(length(at.point - (ray.origin + ray.direction * t)) < 4e-7f);
     CHECK(std::abs(length(at.normal) - 1.0f) < 1e-6f);
+    if (!flat) {
+      const DVec3 out = s.direction * least - jet(s, best).p;
+      if (best > 1e-3 && best < 1.0 - 1e-3)
+        CHECK(dot(to_double(at.normal), out) > 0.999 * radius_there);
+      // However far the ray may go, it finds the same.
+      for (const float more : {1.0f, 1.0001f, 1.01f, 1.1f, 1.5f}) {
+        float again;
+        CHECK(hits(c, ray, again, false, t * more) && again == t);
+      }
+    }
     Vec2 uv;
     Vec3 dpdu, dpdv;
     parametrise(c, at, uv, dpdu, dpdv);
@@ -390,6 +400,29 @@ void curves_are_met_where_their_spheres_are(float radius, float length_, float b
     if (flat) CHECK(at.error > 0.0f && !hits(c, {at.point, any_direction(), {}, false}, t, true));
   }
   CHECK(met > 200 && wrong == 0);
+}
+
+// Whoever asks again for what was found, no farther than that, finds it, at the same place.
+void curves_are_found_again() {
+  for (int i = 0; i < 4000; ++i) {
+    const float radius = i % 2 == 0 ? 0.02f : 0.06f;
+    const Curve c = any_curve(radius, 0.3f, 0.05f, kCurveCapStart | kCurveCapEnd);
+    for (int k = 0; k < 40; ++k) {
+      const Vec3 way = any_direction(), from = c.point[1], on = c.point[2] - from;
+      const Vec3 at = from + on * uniform() + any_direction() * (radius * 1.5f * uniform());
+      const Ray ray = {at - way * 2.0f, way, kNoSlot, false};
+      float t, again;
+      if (!nearest(c, ray, kInfinity, false, t)) continue;
+      CHECK(nearest(c, ray, t, false, again) && again == t);
+      CHECK(nearest(c, ray, t * 1.0001f, false, again) && again == t);
+      bool same = false;
+      meet(c, ray.origin, ray.direction, t, t, [&](const CurveHit& hit) {
+        same = same || static_cast<float>(hit.t) == t;
+        return false;
+      });
+      CHECK(same);
+    }
+  }
 }
 
 // A straight round curve of one radius is a cylinder.
@@ -601,6 +634,7 @@ int main() {
   directions();
   solid_angles();
   spheres_have_longitude_and_latitude();
+  curves_are_found_again();
   std::printf(failures == 0 ? "shapes: ok\n" : "shapes: %d failures\n", failures);
   return failures != 0;
 }

@@ -1,4 +1,4 @@
-"""The group `materials`: each kind of material and shape, ours beside Mitsuba's LLVM variant.
+"""The group `surfaces`: each kind of material and shape, ours beside Mitsuba's LLVM variant.
 
 The gallery has few kinds of materials, so what is slow of the others does not show there. Twenty
 things of one kind stand on a matte floor, under an even sky or under one lamp; both renderers read
@@ -91,9 +91,9 @@ SHAPES = {
 PLACES = [((i - 2) * 1.5, (j - 1.5) * 1.5) for i in range(5) for j in range(4)]
 
 
-def materials(plan: Any, notes: Any) -> list[Row]:
+def surfaces(plan: Any, notes: Any) -> list[Row]:
     """Seconds and trimmed errors of each, ours and Mitsuba's."""
-    folder = plan.cache / "materials"
+    folder = plan.cache / "surfaces"
     folder.mkdir(parents=True, exist_ok=True)
     strands = folder / "strands.txt"
     strands.write_text(_strands(), encoding="utf-8")
@@ -169,7 +169,7 @@ def _measured(plan: Any, notes: Any, name: str, path: Path, folder: Path) -> lis
                 stack.callback(worker.close)
                 worker.render(plan.reference_spp, REFERENCE_SEED, part)
             except BenchError as problem:
-                notes.add(f"materials, {name}: {way} was not measured: {problem}")
+                notes.add(f"surfaces, {name}: {way} was not measured: {problem}")
                 continue
             workers[way] = worker, np.load(part)
             times[way], errors[way] = [], []
@@ -186,7 +186,7 @@ def _measured(plan: Any, notes: Any, name: str, path: Path, folder: Path) -> lis
         pairs = ratios(seconds, times[OURS]) if way != OURS else ()
         less = median(errors[way]) / median(errors[OURS])
         equal = [pair * less for pair in pairs]
-        group = f"materials, {name}"
+        group = f"surfaces, {name}"
         rows += [
             Row(f"{group}, equal samples", way, "s", seconds, against=OURS, ratios=pairs),
             Row(f"{group}, equal error", way, "", errors[way], against=OURS, ratios=equal),
