@@ -404,7 +404,7 @@ void curves_are_met_where_their_spheres_are(float radius, float length_, float b
 
 // Whoever asks again for what was found, no farther than that, finds it, at the same place.
 void curves_are_found_again() {
-  for (int i = 0; i < 4000; ++i) {
+  for (int i = 0; i < 1000; ++i) {
     const float radius = i % 2 == 0 ? 0.02f : 0.06f;
     const Curve c = any_curve(radius, 0.3f, 0.05f, kCurveCapStart | kCurveCapEnd);
     for (int k = 0; k < 40; ++k) {
