@@ -119,6 +119,16 @@ PH_INLINE Vec3 sample_visible_normal(const Microfacets& d, Vec3 wo, Vec2 u) {
 
 PH_INLINE Vec3 mirrored(Vec3 wo, Vec3 m) { return m * (2.0f * dot(wo, m)) - wo; }
 
+// The direction of a sample from wo, on either side: mirrored by a visible normal, or matte. False
+// where it would be below the surface.
+PH_INLINE bool mirror_or_matte(const Microfacets& d, bool mirror, Vec2 u, Vec3 wo, Vec3& wi) {
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
+  wi = select(mirror, mirrored(above, sample_visible_normal(d, above, u)), cosine_hemisphere(u));
+  const bool found = wi.z > 0.0f;
+  wi.z = copysign(wi.z, wo.z);
+  return found;
+}
+
 // What masking leaves of light that leaves a visible normal towards wi: G / G1(wo).
 PH_INLINE float shadowing(const Microfacets& d, Vec3 wo, Vec3 wi, bool correlated) {
   const float i = visible_share(d, wi);

@@ -165,11 +165,7 @@ PH_INLINE BsdfValue evaluate(const CompensatedConductor<kDistribution>& m,
 template <Facets kDistribution>
 PH_INLINE bool choose(const CompensatedConductor<kDistribution>& m, const PickedLobe& lobe, Vec3 wo,
                       Vec3& wi) {
-  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  wi = mirrored(above, sample_visible_normal(m.facets(), above, lobe.number));
-  const bool found = wi.z > 0.0f;
-  wi.z = copysign(wi.z, wo.z);
-  return found;
+  return mirror_or_matte(m.facets(), true, lobe.number, wo, wi);
 }
 
 PH_INLINE ConductorValue rough_value(const Conductor& m, const SeenConductor& seen, Vec3 wo,

@@ -218,12 +218,7 @@ PH_INLINE BsdfValue evaluate(const RoughPlastic<kDistribution>& m,
 template <Facets kDistribution>
 PH_INLINE bool choose(const RoughPlastic<kDistribution>& m, const PickedLobe& lobe, Vec3 wo,
                       Vec3& wi) {
-  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  const Vec3 mirror = mirrored(above, sample_visible_normal(facets(m.whole()), above, lobe.number));
-  wi = select(lobe.first, mirror, cosine_hemisphere(lobe.number));
-  const bool found = wi.z > 0.0f;
-  wi.z = copysign(wi.z, wo.z);
-  return found;
+  return mirror_or_matte(facets(m.whole()), lobe.first, lobe.number, wo, wi);
 }
 
 // Plastic as seen from wo, on either side: what does not depend on wi.

@@ -285,12 +285,7 @@ PH_INLINE Gloss gloss(const PlainPrincipled& m, const PlainPrincipled::From& see
 }
 
 PH_INLINE bool choose(const PlainPrincipled& m, const PickedLobe& lobe, Vec3 wo, Vec3& wi) {
-  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  const Vec3 mirror = mirrored(above, sample_visible_normal(facets(m), above, lobe.number));
-  wi = select(lobe.first, mirror, cosine_hemisphere(lobe.number));
-  const bool found = wi.z > 0.0f;
-  wi.z = copysign(wi.z, wo.z);
-  return found;
+  return mirror_or_matte(facets(m), lobe.first, lobe.number, wo, wi);
 }
 
 // --- Layers -----------------------------------------------------------------------------------
@@ -345,9 +340,7 @@ PH_INLINE Microfacets coat_facets(float roughness) {
 
 // What most of the others are: opaque and isotropic, of a smooth body, without film.
 struct LayeredPrincipled {
-  Vec3 color;
-  float metallic, roughness, ior;  // as in PlainPrincipled
-  Vec3 specular_color;
+  PlainPrincipled plain;  // without the layers
   float clearcoat, clearcoat_roughness, clearcoat_ior;
   Vec3 sheen_color;
   float sheen_alpha;
@@ -355,39 +348,27 @@ struct LayeredPrincipled {
   static constexpr bool opaque = true;
 
   struct From {
-    float gain, gloss_share, coat_share, sheen_share;
+    PlainPrincipled::From plain;
+    float coat_share, sheen_share;
   };
-  struct To {
-    float gain;
-  };
+  using To = PlainPrincipled::To;
   using FromPlace = PlainPrincipled::FromPlace;
   struct LayerPlace {
     CoatPlace coat;
     SheenPlace sheen;
   };
-  using ToPlace = MetalPlace;
+  using ToPlace = PlainPrincipled::ToPlace;
 
   PH_INLINE static bool fits(const Principled& m) {
     return m.transmission == 0.0f && m.iridescence == 0.0f && m.anisotropy == 0.0f &&
            m.diffuse_roughness == 0.0f && !PlainPrincipled::fits(m);
   }
   PH_INLINE static LayeredPrincipled of(const Principled& m) {
-    return {m.color,
-            m.metallic,
-            max(m.roughness, kLeastRoughness),
-            scaled_index(m.ior, m.specular),
-            m.specular_color,
-            m.clearcoat,
-            max(m.clearcoat_roughness, kLeastRoughness),
-            m.clearcoat_ior,
-            m.sheen_color,
-            PH_ISA::sheen_alpha(m)};
+    return {PlainPrincipled::of(m), m.clearcoat,   max(m.clearcoat_roughness, kLeastRoughness),
+            m.clearcoat_ior,        m.sheen_color, PH_ISA::sheen_alpha(m)};
   }
 };
 
-PH_INLINE Microfacets facets(const LayeredPrincipled& m) {
-  return microfacets(m.roughness, 0.0f, 0.0f);
-}
 PH_INLINE Microfacets coat_facets(const LayeredPrincipled& m) {
   return microfacets(m.clearcoat_roughness, 0.0f, 0.0f);
 }
@@ -397,32 +378,31 @@ PH_INLINE LayerShares shares(const LayeredPrincipled& m, const LayeredPrincipled
   float under = 1.0f - max_component(m.sheen_color) * seen.sheen_share;
   s.coat_weight = under * m.clearcoat;
   under *= 1.0f - m.clearcoat * seen.coat_share;
-  const float metal = under * m.metallic;
-  s.base = make_base(m.color, m.specular_color, metal, under - metal, seen.gloss_share, 1.0f,
-                     {0, 0, 0}, {0, 0, 0});
+  const float metal = under * m.plain.metallic;
+  s.base = make_base(m.plain.color, m.plain.specular_color, metal, under - metal,
+                     seen.plain.gloss_share, 1.0f, {0, 0, 0}, {0, 0, 0});
   s.chance = chances_of(s.base, 0.0f, s.coat_weight * seen.coat_share,
                         mean(m.sheen_color) * seen.sheen_share);
   return s;
 }
 
-PH_INLINE MetalPlace place_to(const LayeredPrincipled& m, Vec3 wi) {
-  return metal_place(facets(m), wi);
+PH_INLINE LayeredPrincipled::ToPlace place_to(const LayeredPrincipled& m, Vec3 wi) {
+  return place_to(m.plain, wi);
 }
 PH_INLINE LayeredPrincipled::FromPlace place_from(const LayeredPrincipled& m, Vec3 wo) {
-  return {place_to(m, wo), coat_place(gloss_coat(facets(m), m.ior), wo)};
+  return place_from(m.plain, wo);
 }
 PH_INLINE LayeredPrincipled::LayerPlace layer_place_from(const LayeredPrincipled& m, Vec3 wo) {
   return {coat_place(make_coat(coat_facets(m), m.clearcoat_ior), wo),
           sheen_place(m.sheen_alpha, wo)};
 }
-inline LayeredPrincipled::To to(const LayeredPrincipled& m, const MetalPlace& at) {
-  return {m.metallic > 0.0f ? metal_gain(Facets::ggx, at) : 1.0f};
+inline LayeredPrincipled::To to(const LayeredPrincipled& m, const LayeredPrincipled::ToPlace& at) {
+  return to(m.plain, at);
 }
 inline LayeredPrincipled::From from(const LayeredPrincipled& m,
                                     const LayeredPrincipled::FromPlace& at,
                                     const LayeredPrincipled::LayerPlace& layers) {
-  return {to(m, at.metal).gain, m.metallic < 1.0f ? coat_reflected(Facets::ggx, at.gloss) : 0.0f,
-          m.clearcoat > 0.0f ? coat_reflected(Facets::ggx, layers.coat) : 0.0f,
+  return {from(m.plain, at), m.clearcoat > 0.0f ? coat_reflected(Facets::ggx, layers.coat) : 0.0f,
           black(m.sheen_color) ? 0.0f : sheen_albedo(layers.sheen)};
 }
 
@@ -431,9 +411,10 @@ PH_INLINE BsdfValue evaluate(const LayeredPrincipled& m, const LayeredPrincipled
   const float above = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
   wo.z = abs(wo.z);
   wi.z = abs(wi.z);
+  const PlainPrincipled& p = m.plain;
   const LayerShares s = shares(m, seen);
   PrincipledValue v = {{0, 0, 0}, 0.0f};
-  add_base(s.base, facets(m), m.ior, m.color, {m.color, 0.0f}, seen.gain * to.gain,
+  add_base(s.base, facets(p), p.ior, p.color, {p.color, 0.0f}, seen.plain.gain * to.gain,
            s.chance.of[kMirrorLobe], s.chance.of[kMatteLobe] + s.chance.of[kSheenLobe], wo, wi, v);
   add_layers(m.sheen_color, m.sheen_alpha, coat_facets(m), m.clearcoat_ior, s.coat_weight,
              s.chance.of[kCoatLobe], wo, wi, v);
@@ -445,7 +426,7 @@ PH_INLINE Gloss gloss(const LayeredPrincipled& m, const LayeredPrincipled::From&
   const LayerShares s = shares(m, seen);
   const float coat = s.coat_weight * seen.coat_share;
   const float matte = s.base.matte_share + mean(m.sheen_color) * seen.sheen_share;
-  const Gloss of_base = gloss_of(facets(m), s.base.mirror_share, matte + coat, wo);
+  const Gloss of_base = gloss_of(facets(m.plain), s.base.mirror_share, matte + coat, wo);
   const Gloss of_coat = gloss_of(coat_facets(m), coat, matte + s.base.mirror_share, wo);
   return of_coat.share > of_base.share ? of_coat : of_base;
 }
@@ -459,13 +440,8 @@ PH_INLINE float upper_part(const LayeredPrincipled& m, const LayeredPrincipled::
 }
 
 PH_INLINE bool choose(const LayeredPrincipled& m, const PickedLobe& lobe, Vec3 wo, Vec3& wi) {
-  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
-  const Microfacets d = microfacets(lobe.upper ? m.clearcoat_roughness : m.roughness, 0.0f, 0.0f);
-  const Vec3 mirror = mirrored(above, sample_visible_normal(d, above, lobe.number));
-  wi = select(lobe.first, mirror, cosine_hemisphere(lobe.number));
-  const bool found = wi.z > 0.0f;
-  wi.z = copysign(wi.z, wo.z);
-  return found;
+  const float roughness = lobe.upper ? m.clearcoat_roughness : m.plain.roughness;
+  return mirror_or_matte(microfacets(roughness, 0.0f, 0.0f), lobe.first, lobe.number, wo, wi);
 }
 
 // What any leaves for each lobe of the light towards wo, above the surface as it is seen.
