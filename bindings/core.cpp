@@ -666,7 +666,8 @@ std::tuple<nb::object, nb::object> matte_arrays(const Film& film, const Indices&
 
 Triple one_sample(const Scene& scene, const RenderView& view, u32 x, u32 y, u32 sample,
                   const std::string& isa) {
-  const Vec3 c = kernels(isa).radiance(scene.view(), view, x, y, sample);
+  PathStats stats;
+  const Vec3 c = kernels(isa).radiance(scene.view(), view, x, y, sample, stats);
   return {c.x, c.y, c.z};
 }
 
@@ -790,6 +791,7 @@ std::vector<double> filter_values(const std::string& filter, double radius,
 
 NB_MODULE(_core, m) {
   using namespace parhelion;
+  check_processor();
   m.doc() = "The renderer's compiled half; use the parhelion package instead.";
   nb::set_leak_warnings(false);  // what threads use when Python ends is no leak to tell users of
 

@@ -1,4 +1,5 @@
 #include <cstdlib>
+#include <stdexcept>
 
 #include "errors.h"
 #include "kernels.h"
@@ -11,7 +12,6 @@ std::vector<const Kernels*> runnable() {
   std::vector<const Kernels*> sets = {&baseline::kKernels};
 #if defined(PARHELION_X86)
   __builtin_cpu_init();
-  if (__builtin_cpu_supports("sse4.2")) sets.push_back(&sse42::kKernels);
   const bool haswell = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") &&
                        __builtin_cpu_supports("bmi2");
   if (haswell) sets.push_back(&avx2::kKernels);
@@ -24,6 +24,15 @@ std::vector<const Kernels*> runnable() {
 }
 
 }  // namespace
+
+void check_processor() {
+#if defined(PARHELION_X86)
+  __builtin_cpu_init();
+  if (!__builtin_cpu_supports("sse4.2")) {
+    throw std::runtime_error("parhelion needs a processor with SSE4.2, as those since 2011 have");
+  }
+#endif
+}
 
 std::vector<std::string> instruction_sets() {
   std::vector<std::string> names;

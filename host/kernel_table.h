@@ -45,7 +45,7 @@ struct Kernels {
   // Adds the samples that a region wants to its film.
   void (*render_region)(const SceneView&, const RenderView&, const Region&, PathStats&);
   // The radiance of one sample.
-  Vec3 (*radiance)(const SceneView&, const RenderView&, u32 x, u32 y, u32 sample);
+  Vec3 (*radiance)(const SceneView&, const RenderView&, u32 x, u32 y, u32 sample, PathStats&);
   // Users' rays made ready for the next two (core/user_rays.h); false if some may be none.
   bool (*begin_rays)(const Box& bounds, double scale, bool enters, UserBatch&, RayBatch&,
                      double (&skipped)[kBatch]);

@@ -79,8 +79,8 @@ void render_region(const SceneView& scene, const RenderView& view, const Region&
   render(scene, view, samples, stats);
 }
 
-Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample) {
-  PathStats stats;
+Vec3 one_radiance(const SceneView& scene, const RenderView& view, u32 x, u32 y, u32 sample,
+                  PathStats& stats) {
   return radiance(scene, view, x, y, sample, stats);
 }
 

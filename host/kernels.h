@@ -11,9 +11,6 @@ namespace baseline {
 extern const Kernels kKernels;
 }
 #if defined(PARHELION_X86)
-namespace sse42 {
-extern const Kernels kKernels;
-}
 namespace avx2 {
 extern const Kernels kKernels;
 }
@@ -21,6 +18,9 @@ namespace avx512 {
 extern const Kernels kKernels;
 }
 #endif
+
+// Throws std::runtime_error if this machine can run none.
+void check_processor();
 
 // The names of the instruction sets that this machine can run, the best last.
 std::vector<std::string> instruction_sets();

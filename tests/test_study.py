@@ -59,7 +59,7 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
                 samples=samples,
                 rays=3 * samples,
                 threads=options["threads"],
-                isa="sse4.2",
+                isa="avx2",
                 complete=True,
             ),
         )
@@ -393,7 +393,7 @@ def test_files_of_a_study(tmp_path, capsys) -> None:
 
     document = json.loads((tmp_path / "study.json").read_text())
     assert document["complete"] is True
-    assert document["machine"]["instruction_set"] == "sse4.2"
+    assert document["machine"]["instruction_set"] == "avx2"
     assert [p["identical"] for p in document["pictures"]] == [True, True]
     for entry in document["amdahl"]:
         assert entry["fit"]["serial"] == pytest.approx(0.1)

@@ -337,7 +337,8 @@ void probes_run() {
   for (const LightProbe& l : lights) CHECK(l.pdf > 0.0f);
   const Scene empty(input_of({}, {}));
   const RenderView view = make_view(empty, 3, 3, SamplerKind::sobol);
-  CHECK(k.radiance(empty.view(), view, 1, 1, 0).x == 1.0f);
+  PathStats stats;
+  CHECK(k.radiance(empty.view(), view, 1, 1, 0, stats).x == 1.0f);
 }
 
 }  // namespace

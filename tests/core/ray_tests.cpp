@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "../../core/packet.h"
-#include "../../core/wavefront.h"
 #include "../../host/rays.h"
 #include "check.h"
 #include "cloud.h"
@@ -36,7 +35,7 @@ void every_walk_is_counted() {
     for (u32 i = 0; i < 16 * 9; ++i) {
       PathStats stats;
       stats.walks = kTimedWalks - 1;  // the next is timed
-      baseline::radiance(scene.view(), view, i % 16, i / 16, 0, stats);
+      kernels("baseline").radiance(scene.view(), view, i % 16, i / 16, 0, stats);
       const u64 walked = stats.walks - (kTimedWalks - 1);
       CHECK(walked == stats.rays || (walked == 0 && stats.rays == 1));  // it passes the scene by
       timed += stats.timed_ticks;

@@ -60,8 +60,9 @@ void pictures_do_not_depend_on_how_they_are_made(bool reuse_paths) {
         render_pass(kernels(isa), scene, view, later, all_to(later, 4), {3, 7, schedule}, kNever);
         for (u32 i = 0; i < later.pixels.size(); ++i) {  // the first sample is all that it lacks
           --later.pixels[i].count;
+          PathStats stats;
           baseline::add(later.pixels[i],
-                        kernels(isa).radiance(scene.view(), view, i % 40, i / 40, 0));
+                        kernels(isa).radiance(scene.view(), view, i % 40, i / 40, 0, stats));
           baseline::carry(later.pixels[i]);
         }
         CHECK(same(reference, later));
@@ -115,7 +116,7 @@ void batches_are_their_samples() {
       for (u32 x = 0; x < 13; ++x) {
         FilmPixel sum{};
         for (u32 s = 2; s < last && x >= 2 && x < 12; ++s) {
-          baseline::add(sum, k.radiance(scene.view(), view, x, 1, s));
+          baseline::add(sum, k.radiance(scene.view(), view, x, 1, s, stats));
         }
         baseline::carry(sum);
         CHECK(std::memcmp(&sum, &row[x], sizeof sum) == 0);
