@@ -470,6 +470,13 @@ def test_what_pays_is_found_out(shared: bool) -> None:
     np.testing.assert_array_equal(found.numpy(), asked.numpy())
 
 
+def test_what_is_gained_has_to_be_more_than_rounding() -> None:
+    """Mirrors under a lamp share nothing; their noise was 0.9999999993 of that without."""
+    assert not sharing.Look(noise=0.9999999993, rays=1.0).pays
+    assert not sharing.Look(noise=0.7, rays=1.35).pays  # which took 1.55 times as long
+    assert sharing.Look(noise=0.5, rays=1.6).pays
+
+
 def test_what_is_found_out_is_so_for_every_part_and_way_to_render(tmp_path: Any) -> None:
     """Threads, seeds, crops, shards and samples later on make parts of one picture."""
     whole = ph.render(room(True), **LARGE).numpy()

@@ -26,6 +26,8 @@ _LEAST, _MOST, _SAMPLES = 2, 24, 4
 _SEEDS = (0x5EED1, 0x5EED2)
 # As a share of the mean, the brightness below which pixels count as that bright
 _DARK = 0.02
+# Times the noise as many rays shall have, at most
+_GAIN = 0.9
 # Multiples of one over the plastic number, and of its square, lie evenly in the unit square
 _PLASTIC = 1.32471795724474602596
 
@@ -41,10 +43,10 @@ class Look:
 
     @property
     def pays(self) -> bool:
-        """Whether there is less noise for as many rays. Time is less than in proportion to them, so
-        that what is gained is worth a little, too.
+        """Whether there is clearly less noise for as many rays. Each takes 0.8 to 1.35 times as long
+        as without: the most where nothing can be shared, as among mirrors.
         """
-        return self.noise * self.rays < 1.0
+        return self.noise * self.rays < _GAIN
 
 
 def pays(core: Any, view: Any, settings: Settings, work: Work) -> bool:
