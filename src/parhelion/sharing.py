@@ -19,7 +19,8 @@ log = logging.getLogger("parhelion")
 
 # Squares of a picture below which looking at some would cost more than it may save
 _FEWEST = 32
-# Squares that are looked at, at least and at most, and samples of each of their pixels
+# Squares that are looked at, at least and at most, twice as many where these do not agree, and
+# samples of each of their pixels
 _LEAST, _MOST, _SAMPLES = 2, 24, 4
 # Of two pictures whose difference tells the noise; whatever seed the picture itself has, so that
 # pictures of other seeds are of one kind
@@ -27,7 +28,7 @@ _SEEDS = (0x5EED1, 0x5EED2)
 # As a share of the mean, the brightness below which pixels count as that bright
 _DARK = 0.02
 # Times the noise as many rays shall have, at most
-_GAIN = 0.9
+_GAIN = 0.95
 # Multiples of one over the plastic number, and of its square, lie evenly in the unit square
 _PLASTIC = 1.32471795724474602596
 
@@ -43,8 +44,8 @@ class Look:
 
     @property
     def pays(self) -> bool:
-        """Whether there is clearly less noise for as many rays. Each takes 0.8 to 1.35 times as long
-        as without: the most where nothing can be shared, as among mirrors.
+        """Whether there is clearly less noise for as many rays. Each takes 0.8 to 1.35 times as
+        long as without: the most where nothing can be shared, as among mirrors.
         """
         return self.noise * self.rays < _GAIN
 
@@ -58,15 +59,16 @@ def pays(core: Any, view: Any, settings: Settings, work: Work) -> bool:
 
 
 def samples(settings: Settings) -> int:
-    """How many look() takes of a picture; none where it would cost more than it may save, or where
-    nothing can be shared.
+    """How many look() takes of a picture where its first squares agree; none where it would cost
+    more than it may save, or where nothing can be shared.
     """
     from . import _core
 
     across, down = settings.width // _core.region, settings.height // _core.region
     if across * down < _FEWEST or settings.integrator != "path" or settings.max_depth < 3:
         return 0
-    return 2 * len(_SEEDS) * len(squares(across, down)) * _core.region**2 * _SAMPLES
+    count = len(squares(across, down)) // 2
+    return 2 * len(_SEEDS) * count * _core.region**2 * _SAMPLES
 
 
 def look(core: Any, view: Any, settings: Settings, work: Work, tick: Any = None) -> Look | None:
@@ -79,6 +81,28 @@ def look(core: Any, view: Any, settings: Settings, work: Work, tick: Any = None)
     from . import _core
 
     places = squares(settings.width // _core.region, settings.height // _core.region)
+    half = len(places) // 2
+    errors, rays = np.zeros((2, 0)), np.zeros(2)
+    found: Look | None = None
+    for some in (places[:half], places[half:]):
+        more = _both_ways(core, view, some, work, tick)
+        if more is None:
+            return None
+        errors, rays = np.concatenate([errors, more[0]], axis=1), rays + more[1]
+        found = _look_of(errors, rays)
+        log.debug("shared paths, %d squares: %s", errors.shape[1], found)
+        without = [_look_of(np.delete(errors, i, axis=1), rays) for i in range(errors.shape[1])]
+        if all(one.pays is found.pays for one in without):
+            break
+    return found
+
+
+def _both_ways(
+    core: Any, view: Any, places: list[tuple[int, int]], work: Work, tick: Any
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Without shared paths and with them: (2, squares), noise(), and (2,), rays."""
+    from . import _core
+
     pictures, rays = [], []
     for shared in (False, True):
         views = [view.but(seed, shared) for seed in _SEEDS]
@@ -98,16 +122,22 @@ def look(core: Any, view: Any, settings: Settings, work: Work, tick: Any = None)
         pictures.append([film.arrays()[0] for film, _ in films])
         rays.append(traced)
     shape = (2, len(_SEEDS), len(places), _core.region**2, 3)
-    alone, shared = noise(np.array(pictures, np.float64).reshape(shape))
-    log.debug("shared paths: noise %.4g instead of %.4g, rays %d of %d", shared, alone, *rays[::-1])
+    return noise(np.array(pictures, np.float64).reshape(shape)), np.array(rays, np.float64)
+
+
+def _look_of(errors: NDArray[np.float64], rays: NDArray[np.float64]) -> Look:
+    """errors: (2, squares), noise(); rays: (2,)."""
+    alone, shared = errors.sum(axis=1)
     # where there is no noise there is nothing to gain
     told = alone > 0 and isfinite(shared)
-    return Look(float(shared / alone) if told else inf, rays[1] / rays[0])
+    return Look(float(shared / alone) if told else inf, float(rays[1] / rays[0]))
 
 
 def squares(across: int, down: int) -> list[tuple[int, int]]:
-    """Which of so many squares are looked at: (column, row), spread all over the picture."""
-    count = min(max(isqrt(across * down) // 3, _LEAST), _MOST)
+    """Which of so many squares are looked at: (column, row). Each half of them is spread all over
+    the picture; the second is for where the first is not clear.
+    """
+    count = 2 * min(max(isqrt(across * down) // 3, _LEAST), _MOST)
     found: dict[tuple[int, int], None] = {}
     i = 0
     while len(found) < count:
@@ -118,8 +148,8 @@ def squares(across: int, down: int) -> list[tuple[int, int]]:
 
 
 def noise(pictures: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How noisy each of some ways to render is: (ways,), squared differences of two pictures
-    relative to the brightness.
+    """How noisy each of some ways to render is: (ways, squares), squared differences of two
+    pictures relative to the brightness.
 
     pictures: (ways, 2, squares, pixels, 3), with two seeds. The worst pixel of each square is left
     out: single bright ones tell nothing about the others.
@@ -129,8 +159,8 @@ def noise(pictures: NDArray[np.float64]) -> NDArray[np.float64]:
     differences = ((pictures[:, 0] - pictures[:, 1]) ** 2).sum(axis=-1)
     errors = np.divide(differences, scale, np.zeros_like(differences), where=scale > 0)
     errors.sort(axis=-1)
-    of_ways: NDArray[np.float64] = errors[..., :-1].sum(axis=(1, 2))
-    return of_ways
+    of_squares: NDArray[np.float64] = errors[..., :-1].sum(axis=2)
+    return of_squares
 
 
 def _square(column: int, row: int) -> Any:
