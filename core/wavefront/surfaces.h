@@ -36,7 +36,7 @@ PH_APART inline void face_outside(u32 lanes, Vertices& __restrict v) {
   }
 }
 
-// Of the rarer shapes, instances, and spheres with textures, one by one.
+// Of the rarer shapes and of instances, one by one.
 PH_APART inline void find_others(const SceneView& scene, const Paths& paths, u32 lanes,
                                  u32 wants_uv, Vertices& v) {
   for_each_bit(lanes, [&](u32 k) {
@@ -62,19 +62,15 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
         is_flat ? scene.triangles[index].id[slot.lane] : scene.spheres[index].id[slot.lane];
     const ShapeRecord& shape = shape_of(scene, id);
     const MaterialRecord& m = material_of(scene, shape, id);
-    const u32 uv = ((m.traits & kUsesUv) != 0 ? bit : 0u) | (wants_uv & bit);
     if (is_flat) {
       v.triangle.set(k, primitive(scene.triangles[index], slot.lane));
       flat |= bit;
-      parametrised |= uv;
-    } else if (uv != 0) {
-      others |= bit;
-      return;
     } else {
       v.sphere.set(k, primitive(scene.spheres[index], slot.lane));
       round |= bit;
     }
     (shape.normals ? smooth : bare) |= bit;
+    if ((m.traits & kUsesUv) != 0) parametrised |= bit;
     v.id[k] = id;
     v.shape[k] = &shape;
     v.material[k] = &m;
@@ -82,6 +78,7 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
     v.color.set(k, own_color(scene, id, nullptr));
     v.inside_out[k] = shape.inside_out;
   });
+  parametrised |= wants_uv & (flat | round);
   if (others != 0) find_others(scene, paths, others, wants_uv, v);
   const auto find = [&]<class Shape>(const Rows<Shape, kBatch>& shape, u32 own, u32 found) {
     if (own == 0) return;
@@ -105,8 +102,13 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
   v.parametrised = (v.parametrised & ~lanes) | parametrised | others;
   for_each_bit(parametrised, [&](u32 k) {
     Surface s;
-    const SurfacePoint p = {v.point.at(k), v.normal.at(k), v.parameter.at(k), v.error[k]};
-    parametrise(*v.shape[k], v.triangle.at(k), v.id[k], p, s);
+    SurfacePoint p = {v.point.at(k), v.normal.at(k), v.parameter.at(k), v.error[k]};
+    if ((flat >> k & 1u) != 0) {
+      parametrise(*v.shape[k], v.triangle.at(k), v.id[k], p, s);
+    } else {
+      if (v.inside_out[k] != 0) p.normal = -p.normal;  // as it was found
+      parametrise(*v.shape[k], v.sphere.at(k), v.id[k], p, s);
+    }
     v.uv.set(k, s.uv);
     v.dpdu.set(k, s.dpdu);
     v.dpdv.set(k, s.dpdv);
