@@ -501,14 +501,32 @@ def test_squares_that_do_not_agree_ask_as_many_more(
         places = arguments[2]
         asked.extend(places)
         errors = second if len(asked) > 2 else first
-        return np.array(errors, np.float64), np.array([10.0, 11.0])
+        return np.array(errors, np.float64)[:, None, :, None, None], np.array([10.0, 11.0])
 
     monkeypatch.setattr(sharing, "_both_ways", both_ways)
+    monkeypatch.setattr(sharing, "noise", lambda pictures: pictures[:, 0, :, 0, 0])
     found = sharing.look(None, None, ph.Settings(width=128, height=64), None)
     assert found.pays is pays
     assert found.rays == 1.1
     places = sharing.squares(8, 4)
     assert asked == (places[:2] if second is None else places)
+
+
+@pytest.mark.parametrize("stopped", [1, 2])
+def test_a_look_that_is_stopped_tells_nothing(
+    stopped: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+
+    def both_ways(*_: Any) -> Any:
+        calls.append(None)
+        pictures = np.zeros((2, 2, 2, 256, 3))
+        return None if len(calls) == stopped else (pictures, np.array([10.0, 11.0]))
+
+    monkeypatch.setattr(sharing, "_both_ways", both_ways)
+    monkeypatch.setattr(sharing, "_agree", lambda *_: False)
+    assert sharing.look(None, None, ph.Settings(width=128, height=64), None) is None
+    assert len(calls) == stopped
 
 
 def test_what_is_found_out_is_so_for_every_part_and_way_to_render(tmp_path: Any) -> None:

@@ -27,7 +27,7 @@ _LEAST, _MOST, _SAMPLES = 2, 24, 4
 _SEEDS = (0x5EED1, 0x5EED2)
 # As a share of the mean, the brightness below which pixels count as that bright
 _DARK = 0.02
-# Times the noise as many rays shall have, at most
+# Noise times rays, over those without sharing, has to be below this
 _GAIN = 0.95
 # Multiples of one over the plastic number, and of its square, lie evenly in the unit square
 _PLASTIC = 1.32471795724474602596
@@ -44,7 +44,7 @@ class Look:
 
     @property
     def pays(self) -> bool:
-        """Whether there is clearly less noise for as many rays. Each takes 0.8 to 1.35 times as
+        """Whether there is clearly less noise for as many rays. A ray takes 0.8 to 1.35 times as
         long as without: the most where nothing can be shared, as among mirrors.
         """
         return self.noise * self.rays < _GAIN
@@ -59,16 +59,15 @@ def pays(core: Any, view: Any, settings: Settings, work: Work) -> bool:
 
 
 def samples(settings: Settings) -> int:
-    """How many look() takes of a picture where its first squares agree; none where it would cost
-    more than it may save, or where nothing can be shared.
+    """How many look() takes of a picture at most; none where it would cost more than it may save,
+    or where nothing can be shared.
     """
     from . import _core
 
     across, down = settings.width // _core.region, settings.height // _core.region
     if across * down < _FEWEST or settings.integrator != "path" or settings.max_depth < 3:
         return 0
-    count = len(squares(across, down)) // 2
-    return 2 * len(_SEEDS) * count * _core.region**2 * _SAMPLES
+    return 2 * len(_SEEDS) * len(squares(across, down)) * _core.region**2 * _SAMPLES
 
 
 def look(core: Any, view: Any, settings: Settings, work: Work, tick: Any = None) -> Look | None:
@@ -82,25 +81,22 @@ def look(core: Any, view: Any, settings: Settings, work: Work, tick: Any = None)
 
     places = squares(settings.width // _core.region, settings.height // _core.region)
     half = len(places) // 2
-    errors, rays = np.zeros((2, 0)), np.zeros(2)
-    found: Look | None = None
-    for some in (places[:half], places[half:]):
-        more = _both_ways(core, view, some, work, tick)
-        if more is None:
-            return None
-        errors, rays = np.concatenate([errors, more[0]], axis=1), rays + more[1]
-        found = _look_of(errors, rays)
-        log.debug("shared paths, %d squares: %s", errors.shape[1], found)
-        without = [_look_of(np.delete(errors, i, axis=1), rays) for i in range(errors.shape[1])]
-        if all(one.pays is found.pays for one in without):
-            break
-    return found
+    found = _both_ways(core, view, places[:half], work, tick)
+    if found is not None and not _agree(*found):
+        first, found = found, _both_ways(core, view, places[half:], work, tick)
+        if found is not None:
+            found = np.concatenate([first[0], found[0]], axis=2), first[1] + found[1]
+    if found is None:
+        return None
+    answer = _look_of(noise(found[0]), found[1])
+    log.debug("shared paths: of %d squares %s", found[0].shape[2], answer)
+    return answer
 
 
 def _both_ways(
     core: Any, view: Any, places: list[tuple[int, int]], work: Work, tick: Any
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Without shared paths and with them: (2, squares), noise(), and (2,), rays."""
+    """Without shared paths and with them: (2, seeds, squares, pixels, 3) and (2,), rays."""
     from . import _core
 
     pictures, rays = [], []
@@ -122,7 +118,15 @@ def _both_ways(
         pictures.append([film.arrays()[0] for film, _ in films])
         rays.append(traced)
     shape = (2, len(_SEEDS), len(places), _core.region**2, 3)
-    return noise(np.array(pictures, np.float64).reshape(shape)), np.array(rays, np.float64)
+    return np.array(pictures, np.float64).reshape(shape), np.array(rays, np.float64)
+
+
+def _agree(pictures: NDArray[np.float64], rays: NDArray[np.float64]) -> bool:
+    """Whether the answer would be the same without any one of the squares."""
+    errors = noise(pictures)
+    pays = _look_of(errors, rays).pays
+    rest = (np.delete(errors, i, axis=1) for i in range(errors.shape[1]))
+    return all(_look_of(some, rays).pays is pays for some in rest)
 
 
 def _look_of(errors: NDArray[np.float64], rays: NDArray[np.float64]) -> Look:
