@@ -9,8 +9,8 @@ namespace {
 
 // In rising order; the last that the processor has is the default.
 std::vector<const Kernels*> runnable() {
-  std::vector<const Kernels*> sets = {&baseline::kKernels};
 #if defined(PARHELION_X86)
+  std::vector<const Kernels*> sets = {&sse42::kKernels};
   __builtin_cpu_init();
   const bool haswell = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") &&
                        __builtin_cpu_supports("bmi2");
@@ -19,8 +19,10 @@ std::vector<const Kernels*> runnable() {
       __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {
     sets.push_back(&avx512::kKernels);
   }
-#endif
   return sets;
+#else
+  return {&baseline::kKernels};
+#endif
 }
 
 }  // namespace
@@ -29,7 +31,7 @@ void check_processor() {
 #if defined(PARHELION_X86)
   __builtin_cpu_init();
   if (!__builtin_cpu_supports("sse4.2")) {
-    throw std::runtime_error("parhelion needs a processor with SSE4.2, as those since 2011 have");
+    throw std::runtime_error("parhelion needs a processor with SSE4.2 (x86-64-v2)");
   }
 #endif
 }

@@ -5,6 +5,9 @@
 
 #define PH_TEXT_(x) #x
 #define PH_TEXT(x) PH_TEXT_(x)
+#ifndef PH_NAME
+#define PH_NAME PH_ISA  // as users know the instruction set
+#endif
 
 namespace parhelion::PH_ISA {
 namespace {
@@ -286,9 +289,9 @@ void filter_offsets(const FilterTable& table, const float* u, u64 n, float* out)
 }  // namespace
 
 extern const Kernels kKernels;
-const Kernels kKernels = {PH_TEXT(PH_ISA), render_row,    render_region, one_radiance,
-                          begin_rays,      intersect_all, occluded_all,  points_met,
-                          bodies,          warp,          warp_pdf,      bsdf_sample,
-                          bsdf_eval,       light_sample,  draws,         filter_offsets};
+const Kernels kKernels = {PH_TEXT(PH_NAME), render_row,    render_region, one_radiance,
+                          begin_rays,       intersect_all, occluded_all,  points_met,
+                          bodies,           warp,          warp_pdf,      bsdf_sample,
+                          bsdf_eval,        light_sample,  draws,         filter_offsets};
 
 }  // namespace parhelion::PH_ISA

@@ -7,14 +7,18 @@
 
 namespace parhelion {
 
-namespace baseline {
+#if defined(PARHELION_X86)
+namespace sse42 {
 extern const Kernels kKernels;
 }
-#if defined(PARHELION_X86)
 namespace avx2 {
 extern const Kernels kKernels;
 }
 namespace avx512 {
+extern const Kernels kKernels;
+}
+#else
+namespace baseline {
 extern const Kernels kKernels;
 }
 #endif

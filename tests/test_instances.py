@@ -174,6 +174,7 @@ def everything() -> ph.Scene:
         color=ph.Texture("image", image=image),
         normal_map=steep_normals(),
     )
+    embossed = ph.Material("plastic", bump_map=ph.Texture("image", image=image))
     thin = ph.Material("principled", color=(0.5, 0.8, 0.9), opacity=0.8)
     group = [
         statue(),
@@ -182,9 +183,10 @@ def everything() -> ph.Scene:
         ph.Cylinders([[0, 0, 0]], [[0, 0, 0.8]], 0.2, material=LAMP),
     ]
     water = glass(1, 1.33, absorption=(0.5, 0.1, 0.1))
+    down = np.array([[1, 0, 0, 0], [0, 0, -1, 3], [0, 1, 0, 0], [0, 0, 0, 1.0]])
     return ph.Scene(
         [
-            Floor().mesh(ph.Material("blend", a=ph.Material("plastic"), b=bumpy, weight=0.4)),
+            Floor().mesh(ph.Material("blend", a=embossed, b=bumpy, weight=0.4)),
             ph.Instances(group, matrices),
             ph.Spheres(rng.uniform((-1, 0, -1), (1, 1, 1), (6, 3)), 0.4, water),
             ph.Spheres(rng.uniform((-1, 0, -1), (1, 1, 1), (6, 3)), 0.3, glass(2, 1.5)),
@@ -192,7 +194,10 @@ def everything() -> ph.Scene:
         ],
         camera=ph.Camera(eye=(2, 2, 4), target=(0, 0.5, 0), vfov=35),
         background=ph.Background("envmap", image=image),
-        lights=[ph.Light("point", position=(0, 3, 0), intensity=(4, 4, 4))],
+        lights=[
+            ph.Light("point", position=(0, 3, 0), intensity=(4, 4, 4)),
+            ph.Light("projector", image=image, transform=down, scale=(4, 4, 4)),
+        ],
     )
 
 
