@@ -6,6 +6,7 @@
 // Such a loop is a function of its own and has no branches: what a lane may not get is computed and
 // not selected.
 #pragma once
+#include "wavefront/blends.h"
 #include "wavefront/lights.h"
 #include "wavefront/materials.h"
 #include "wavefront/rays.h"
@@ -25,6 +26,7 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   find_surfaces(scene, p, wave.alive, first, v);
   travel(p, v);
   find_emission(scene, p, wave.alive, v);
+  v.blended = v.second = 0;
   const u32 alone =
       meets_more(scene, view, wave) ? wave.alive : having(kShines | kVaries, v.traits, wave.alive);
   const u32 ending = meet_plainly(view.max_depth, p, v) & ~alone;
@@ -45,7 +47,12 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   Kinds kinds;
   u32 rough = 0;
   const u32 seconds = wave.groups ? at_second(wave, meeting) : 0;
+  Partners others;
+  if (const u32 blended = v.blended & meeting & ~seconds; blended != 0 && asks_for_light(scene)) {
+    approach_partners(scene, wave, blended, v, others);
+  }
   const u32 scattering = approach(scene, wave, v, meeting, seconds, kinds, rough, watch);
+  if (others.lanes != 0) see_alike(others, kinds, v);
   Joining joining;
   if (wave.groups) {
     joining = join_groups(wave, kinds, seconds, v);
@@ -57,7 +64,7 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   if (asks_for_light(scene)) {
     u32 lit = ask(scene, rough, draws, v);
     const u32 asked = lit;
-    if (lit != 0) lit = weigh(p, kinds, lit, joining.glossy, v);
+    if (lit != 0) lit = weigh_both(p, kinds, lit, joining.glossy, others, v);
     for_each_bit(asked, [&](u32 k) {
       watch(Step::asks, wave, &v, k, Fate::scatters, (lit >> k & 1u) != 0);
     });

@@ -438,13 +438,28 @@ def test_lamps_seen_in_gloss_are_the_sum_of_each(kind: str, count: int) -> None:
     assert abs(gap.mean() / apart.mean()) < 0.01
 
 
-def test_gloss_before_chalk_behind_a_veil_adds_up_too() -> None:
+CHALK = ph.Material("diffuse", color=(0.8, 0.6, 0.4))
+# Bumps, so that the two see other normals; waves of a length that footprints do not smooth away.
+BUMPY = ph.Material(
+    "diffuse", color=(0.4, 0.6, 0.8), bump_map=ph.Texture("noise", size=0.5, color1=(0.2, 0.2, 0.2))
+)
+
+
+def blend(a: ph.Material, b: ph.Material, weight: float = 0.4) -> ph.Material:
+    return ph.Material("blend", a=a, b=b, weight=weight)
+
+
+GROUNDS = {"principled": GLOSSY["principled"], "blend": blend(GLOSSY["gold"], BUMPY)}
+
+
+@pytest.mark.parametrize("ground", ["principled", "blend"])
+def test_gloss_before_chalk_behind_a_veil_adds_up_too(ground: str) -> None:
     """Paths go on from gloss to chalk, from chalk to gloss, and through half of a veil."""
     gold, veil = GLOSSY["gold"], ph.Material("diffuse", color=(0.6, 0.6, 0.6), opacity=0.5)
     things = [
         ph.Spheres([(0.5, 0, 0)], 0.6, gold),
         ph.Spheres([(-0.7, 0, 0)], 0.5, ph.Material("diffuse", color=(0.7, 0.7, 0.7))),
-        ph.Spheres([(0, -51, 0)], 50.0, GLOSSY["principled"]),
+        ph.Spheres([(0, -51, 0)], 50.0, GROUNDS[ground]),
         ph.Spheres([(0, 0.2, 0.9)], 0.3, veil),
     ]
     centers = [(2.0, 1.5, 0.5), (-2.0, 1.0, 1.0), (0.3, 2.0, 1.0), (-0.5, 1.0, -2.0)]
@@ -462,3 +477,46 @@ def test_gloss_before_chalk_behind_a_veil_adds_up_too() -> None:
     gap = together - apart
     assert mean_p(gap, np.zeros(8)) > SIGNIFICANCE / 10
     assert abs(gap.mean() / apart.mean()) < 0.01
+
+
+# Both asked for light; one of them alone, as the other is a mirror, or sends colours apart.
+BLENDS = {
+    "chalk and gold": (CHALK, GLOSSY["gold"]),
+    "bumps and brushed": (BUMPY, GLOSSY["brushed"]),
+    "plastic and principled": (GLOSSY["plastic"], GLOSSY["principled"]),
+    "frosted glass and chalk": (ph.Material("dielectric", roughness=0.5), CHALK),
+    "mirror and gold": (ph.Material("metal", color=(0.9, 0.9, 0.9)), GLOSSY["gold"]),
+    "prism and chalk": (ph.Material("dielectric", roughness=0.4, dispersion=0.5), CHALK),
+    "blend and plastic": (blend(CHALK, GLOSSY["gold"]), GLOSSY["plastic"]),
+}
+
+
+@pytest.mark.parametrize("pair", BLENDS)
+def test_a_blend_is_as_bright_as_both_by_their_shares(pair: str) -> None:
+    """Under three lamps, which gloss chooses among; light that is scattered once."""
+    places = [(2, 1.5, 2), (-2, 1, 2), (0, 3, 1)]
+    lamps = [lamp(c, 0.3, 10.0 * np.array(g)) for c, g in zip(places, np.eye(3) + 1, strict=True)]
+
+    def runs(material: ph.Material) -> np.ndarray:
+        ball = ph.Spheres([(0, 0, 0)], 1.0, material)
+        settings = {"spp": 256, "count": 24, "max_depth": 2, "sampler": "independent"}
+        return Look(size=8).runs(ball, *lamps, **settings).astype(float).mean(axis=(2, 3))
+
+    a, b = BLENDS[pair]
+    both = runs(blend(a, b))
+    gap = both - 0.6 * runs(a) - 0.4 * runs(b)
+    assert mean_p(gap, np.zeros(8)) > SIGNIFICANCE / 10  # of each row
+    assert abs(gap.mean() / both.mean()) < 0.01
+
+
+def test_light_on_a_blend_is_not_left_to_chance() -> None:
+    """Half black and half white is as little noisy as grey."""
+
+    def noise(material: ph.Material) -> float:
+        ball = ph.Spheres([(0, 0, 0)], 1.0, material)
+        bulb = lamp((2, 1.5, 2), 0.3, np.full(3, 20.0))
+        settings = {"spp": 16, "count": 12, "max_depth": 2, "sampler": "independent"}
+        return float(Look(size=8).runs(ball, bulb, **settings).std(axis=0).mean())
+
+    white, black, grey = (ph.Material("diffuse", color=(c, c, c)) for c in (0.8, 0.0, 0.4))
+    assert noise(blend(white, black, 0.5)) < 1.1 * noise(grey)

@@ -194,8 +194,10 @@ PH_APART inline Fate meet(const SceneView& scene, const RenderView& view, Wave& 
     shine = add_emission(scene, view, v.surface(k, p.slot.at(k)), v.emission[k], p, k);
   const MaterialRecord* m = !front && own.back != kNone ? &scene.materials[own.back] : &own;
   if (m->blend_first != kNone) {
-    m = &chosen_material(scene, *m, v.surface(k, p.slot.at(k)), p.width[k], p.samplers.at(k),
-                         p.depth[k]);
+    const BlendChoice choice = choose_material(scene, *m, v.surface(k, p.slot.at(k)), p.width[k],
+                                               p.samplers.at(k), p.depth[k]);
+    m = choice.own;
+    v.set_blend(k, choice);
   }
   if (wave.features && first) wave.features[k].emission = shine;
   if (p.depth[k] >= view.max_depth) return Fate::ends;

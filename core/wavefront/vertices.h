@@ -1,6 +1,6 @@
 // Where sixteen paths have met surfaces, by component as the paths are.
 #pragma once
-#include "../paths.h"
+#include "../path.h"
 
 namespace parhelion::PH_ISA {
 
@@ -64,6 +64,11 @@ struct Vertices : PlainSurfaces {
   const MaterialRecord* record[kBatch];
   const ParamBlock* block[kBatch];
   ParamBlock own[kBatch];
+  // Bits for those that are of a blend, and those of them where it is its second material that
+  // scatters; the chance of that, and the other one.
+  u32 blended, second;
+  float share[kBatch];
+  const MaterialRecord* other[kBatch];
   Texel emission[kBatch];  // what the texture of what it gives off has here, if it has one
   Texel mapped[kBatch];    // and the map of its normals, if it has one
   PreparedBlock prepared[kBatch];
@@ -105,6 +110,13 @@ struct Vertices : PlainSurfaces {
     return {point.at(k), normal.at(k), shading.at(k), parameter.at(k), error[k],
             slot,        id[k],        shape[k],      material[k],     color.at(k),
             uv.at(k),    dpdu.at(k),   dpdv.at(k),    uv_rate[k]};
+  }
+  PH_INLINE void set_blend(u32 k, const BlendChoice& choice) {
+    if (choice.own == choice.other || !(choice.share < 1.0f)) return;
+    blended |= 1u << k;
+    second |= (choice.second ? 1u : 0u) << k;
+    share[k] = choice.share;
+    other[k] = choice.other;
   }
   PH_INLINE void set_light(u32 k, const DirectSample& s) {
     to_light.set(k, s.direction);
