@@ -245,25 +245,29 @@ PH_INLINE bool isotropic(const Microfacets& d) {
   return abs(d.alpha_u - d.alpha_v) <= 1e-3f * d.alpha_u;
 }
 
-// Share of the light from w that metal sends back, but for a factor that makes it reciprocal, where
-// slopes along x and y differ.
-inline float stretched_escape(const Microfacets& d, Vec3 w) {
-  constexpr u32 kAngle = kStretchedAngles, kAzimuth = kStretchedAzimuths * kAngle;
-  constexpr u32 kRatio = kStretchedRatios * kAzimuth, kAll = kStretchedAlphas * kRatio;
-  const bool along_x = d.alpha_u > d.alpha_v;
-  const float high = along_x ? d.alpha_u : d.alpha_v, low = along_x ? d.alpha_v : d.alpha_u;
+// Where the tables of metal have the light from w, if slopes along x and y differ,
+struct StretchedPlace {
+  Cubic angle, alpha, ratio, azimuth;
+};
+PH_INLINE StretchedPlace stretched_place(const Microfacets& d, Vec3 w) {
+  const float high = max(d.alpha_u, d.alpha_v), low = min(d.alpha_u, d.alpha_v);
   const float x = d.alpha_u * w.x, y = d.alpha_v * w.y, flat2 = w.x * w.x + w.y * w.y;
-  const float alpha = flat2 > 0.0f ? sqrt((x * x + y * y) / flat2) : high;  // towards w
+  const float towards = sqrt((x * x + y * y) / flat2), alpha = flat2 > 0.0f ? towards : high;
   const auto root = [](float a) { return sqrt(sqrt(a)); };
   const float azimuth = (root(alpha) - root(low)) / (root(high) - root(low));
-  return grid(kStretchedEscape + static_cast<u32>(d.distribution) * kAll,
-              cubic(angle_coordinate(w.z, alpha), kStretchedAngles), kRatio,
-              cubic(sqrt(high), kStretchedAlphas), kAzimuth,
-              cubic(sqrt(low / high), kStretchedRatios), kAngle,
-              cubic(azimuth, kStretchedAzimuths));
+  return {cubic(angle_coordinate(w.z, alpha), kStretchedAngles),
+          cubic(sqrt(high), kStretchedAlphas), cubic(sqrt(low / high), kStretchedRatios),
+          cubic(azimuth, kStretchedAzimuths)};
+}
+// and the share of it that comes back, but for a factor that makes it reciprocal.
+inline float stretched_escape(Facets distribution, const StretchedPlace& at) {
+  constexpr u32 kAngle = kStretchedAngles, kAzimuth = kStretchedAzimuths * kAngle;
+  constexpr u32 kRatio = kStretchedRatios * kAzimuth, kAll = kStretchedAlphas * kRatio;
+  return grid(kStretchedEscape + static_cast<u32>(distribution) * kAll, at.angle, kRatio, at.alpha,
+              kAzimuth, at.ratio, kAngle, at.azimuth);
 }
 
-// Where the tables of isotropic metal have the light from w
+// Where those of isotropic metal have it
 struct MetalPlace {
   Cubic angle, alpha;
 };
@@ -272,14 +276,26 @@ PH_INLINE MetalPlace metal_place(const Microfacets& d, Vec3 w) {
           cubic(sqrt(d.alpha_u), kMetalAlphas)};
 }
 
+template <bool kStretched>
+PH_INLINE auto place_of_metal(const Microfacets& d, Vec3 w) {
+  if constexpr (kStretched) {
+    return stretched_place(d, w);
+  } else {
+    return metal_place(d, w);
+  }
+}
+
 // Reflection by metal times metal_gain(wo) metal_gain(wi) loses nothing, and is reciprocal.
 inline float metal_gain(Facets distribution, const MetalPlace& at) {
   const u16* table = kMetalEscape + static_cast<u32>(distribution) * kMetalAlphas * kMetalAngles;
   return 1.0f / grid(table, at.angle, kMetalAngles, at.alpha);
 }
+inline float metal_gain(Facets distribution, const StretchedPlace& at) {
+  return 1.0f / stretched_escape(distribution, at);
+}
 inline float metal_gain(const Microfacets& d, Vec3 w) {
   return isotropic(d) ? metal_gain(d.distribution, metal_place(d, w))
-                      : 1.0f / stretched_escape(d, w);
+                      : metal_gain(d.distribution, stretched_place(d, w));
 }
 
 // Shares of the light from w, above the surface, that go each way in single bounces; eta is the

@@ -303,6 +303,16 @@ GLOSSY = {
     "coated": ph.Material("principled", **COLORS, clearcoat=1, clearcoat_roughness=0.5),
     "velvet": ph.Material("principled", **COLORS, sheen_color=(0.5, 0.5, 0.5)),
     "gilt": ph.Material("principled", **COLORS, roughness=0.5, metallic=1.0),
+    "scratched": ph.Material("conductor", **COLORS, roughness=0.6, anisotropy=0.6),
+    "turned": ph.Material(
+        "principled",
+        **COLORS,
+        roughness=0.6,
+        metallic=1.0,
+        anisotropy=-0.5,
+        anisotropy_rotation=30,
+    ),
+    "plaster": ph.Material("diffuse", **COLORS, roughness=1.0),
 }
 
 

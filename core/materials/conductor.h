@@ -8,16 +8,17 @@ namespace parhelion::PH_ISA {
 
 template <Facets kDistribution>
 struct PlainConductor;
-template <Facets kDistribution>
+template <Facets kDistribution, bool kBrushed>
 struct CompensatedConductor;
 
 struct Conductor {
   Vec3 color, eta, k;
   float roughness, anisotropy, distribution, compensation;
 
-  using Plain =
-      PlainForms<PlainConductor<Facets::ggx>, PlainConductor<Facets::beckmann>,
-                 CompensatedConductor<Facets::ggx>, CompensatedConductor<Facets::beckmann>>;
+  using Plain = PlainForms<
+      PlainConductor<Facets::ggx>, PlainConductor<Facets::beckmann>,
+      CompensatedConductor<Facets::ggx, false>, CompensatedConductor<Facets::beckmann, false>,
+      CompensatedConductor<Facets::ggx, true>, CompensatedConductor<Facets::beckmann, true>>;
   static constexpr const char* doc = "metal by its complex index of refraction, smooth or rough";
   static constexpr ParamInfo params[] = {
       {"color", 3, {1.0f, 1.0f, 1.0f}, 0.0f, 1.0f, "tint of the reflection"},
@@ -97,74 +98,78 @@ PH_INLINE ConductorValue rough_value(const Material& m, const Microfacets& facet
   return {m.color * share * (same_side * r.value), same_side * r.pdf};
 }
 
-// Rough and isotropic, of all bounces
-template <Facets kDistribution>
+// Rough, isotropic or brushed, of all bounces
+template <Facets kDistribution, bool kBrushed>
 struct CompensatedConductor {
   Vec3 color, eta, k;
-  float roughness;
+  float roughness, anisotropy;
 
   struct From {
     float gain;
   };
   using To = From;
-  using FromPlace = MetalPlace;
-  using ToPlace = MetalPlace;
+
+  PH_INLINE Microfacets facets() const {
+    return microfacets(roughness, kBrushed ? anisotropy : 0.0f, static_cast<float>(kDistribution));
+  }
+  using ToPlace = decltype(place_of_metal<kBrushed>(Microfacets{}, Vec3{}));
+  using FromPlace = ToPlace;
 
   PH_INLINE static bool fits(const Conductor& m) {
     const Microfacets d = microfacets(m);
-    return d.distribution == kDistribution && m.compensation < 0.5f && m.anisotropy == 0.0f &&
-           !smooth(d);
+    return d.distribution == kDistribution && m.compensation < 0.5f &&
+           (kBrushed ? !isotropic(d) : m.anisotropy == 0.0f) && !smooth(d);
   }
   PH_INLINE static CompensatedConductor of(const Conductor& m) {
-    return {m.color, m.eta, m.k, m.roughness};
-  }
-  PH_INLINE Microfacets facets() const {
-    return microfacets(roughness, 0.0f, static_cast<float>(kDistribution));
+    return {m.color, m.eta, m.k, m.roughness, m.anisotropy};
   }
 };
 
-template <Facets kDistribution>
-PH_INLINE MetalPlace place_to(const CompensatedConductor<kDistribution>& m, Vec3 wi) {
-  return metal_place(m.facets(), wi);
+template <Facets kDistribution, bool kBrushed>
+PH_INLINE auto place_to(const CompensatedConductor<kDistribution, kBrushed>& m, Vec3 wi) {
+  return place_of_metal<kBrushed>(m.facets(), wi);
 }
-template <Facets kDistribution>
-PH_INLINE MetalPlace place_from(const CompensatedConductor<kDistribution>& m, Vec3 wo) {
+template <Facets kDistribution, bool kBrushed>
+PH_INLINE auto place_from(const CompensatedConductor<kDistribution, kBrushed>& m, Vec3 wo) {
   return place_to(m, wo);
 }
-template <Facets kDistribution>
-inline auto to(const CompensatedConductor<kDistribution>&, const MetalPlace& at) {
-  return typename CompensatedConductor<kDistribution>::To{metal_gain(kDistribution, at)};
+template <Facets kDistribution, bool kBrushed>
+inline auto to(const CompensatedConductor<kDistribution, kBrushed>&,
+               const typename CompensatedConductor<kDistribution, kBrushed>::ToPlace& at) {
+  return typename CompensatedConductor<kDistribution, kBrushed>::To{metal_gain(kDistribution, at)};
 }
-template <Facets kDistribution>
-inline auto from(const CompensatedConductor<kDistribution>& m, const MetalPlace& at) {
+template <Facets kDistribution, bool kBrushed>
+inline auto from(const CompensatedConductor<kDistribution, kBrushed>& m,
+                 const typename CompensatedConductor<kDistribution, kBrushed>::ToPlace& at) {
   return to(m, at);
 }
 
-template <Facets kDistribution>
-PH_INLINE Gloss gloss(const CompensatedConductor<kDistribution>& m,
-                      const typename CompensatedConductor<kDistribution>::From&, Vec3 wo) {
+template <Facets kDistribution, bool kBrushed>
+PH_INLINE Gloss gloss(const CompensatedConductor<kDistribution, kBrushed>& m,
+                      const typename CompensatedConductor<kDistribution, kBrushed>::From&,
+                      Vec3 wo) {
   return gloss_of(m.facets(), 1.0f, 0.0f, wo);
 }
 
 // All of it is one lobe.
-template <Facets kDistribution>
-PH_INLINE LobeChances lobes(const CompensatedConductor<kDistribution>&,
-                            const typename CompensatedConductor<kDistribution>::From&) {
+template <Facets kDistribution, bool kBrushed>
+PH_INLINE LobeChances lobes(const CompensatedConductor<kDistribution, kBrushed>&,
+                            const typename CompensatedConductor<kDistribution, kBrushed>::From&) {
   return {1.0f, 0.0f};
 }
 
-template <Facets kDistribution>
-PH_INLINE BsdfValue evaluate(const CompensatedConductor<kDistribution>& m,
-                             const typename CompensatedConductor<kDistribution>::From& seen,
-                             const typename CompensatedConductor<kDistribution>::To& to, Vec3 wo,
-                             Vec3 wi) {
+template <Facets kDistribution, bool kBrushed>
+PH_INLINE BsdfValue
+evaluate(const CompensatedConductor<kDistribution, kBrushed>& m,
+         const typename CompensatedConductor<kDistribution, kBrushed>::From& seen,
+         const typename CompensatedConductor<kDistribution, kBrushed>::To& to, Vec3 wo, Vec3 wi) {
   const ConductorValue v = rough_value(m, m.facets(), true, seen.gain * to.gain, wo, wi);
   return {v.value, v.pdf};
 }
 
-template <Facets kDistribution>
-PH_INLINE bool choose(const CompensatedConductor<kDistribution>& m, const PickedLobe& lobe, Vec3 wo,
-                      Vec3& wi) {
+template <Facets kDistribution, bool kBrushed>
+PH_INLINE bool choose(const CompensatedConductor<kDistribution, kBrushed>& m,
+                      const PickedLobe& lobe, Vec3 wo, Vec3& wi) {
   return mirror_or_matte(m.facets(), true, lobe.number, wo, wi);
 }
 

@@ -15,7 +15,7 @@ struct Diffuse {
   Vec3 color;
   float roughness;
 
-  using Plain = PlainForms<struct PlainDiffuse>;
+  using Plain = PlainForms<struct PlainDiffuse, struct RoughDiffuse>;
   static constexpr const char* doc = "matte, on both sides: Lambert's cosine law, or rough";
   static constexpr ParamInfo params[] = {
       {"color", 3, {0.8f, 0.8f, 0.8f}, 0.0f, 1.0f, "share of the light that is reflected"},
@@ -36,10 +36,6 @@ PH_INLINE float let_out(const PlainDiffuse&, Vec3) { return 1.0f; }
 
 PH_INLINE bool is_delta(const Diffuse&) { return false; }
 
-PH_INLINE float pdf(const Diffuse&, Vec3 wo, Vec3 wi) {
-  return wo.z * wi.z > 0.0f ? cosine_hemisphere_pdf({wi.x, wi.y, abs(wi.z)}) : 0.0f;
-}
-
 // 1 - 1 / A of the paper's A at roughness 1, and the mean loss of a single bounce there over A.
 inline constexpr float kRoughLoss = 0.5f - 2.0f / (3.0f * kPi);
 inline constexpr float kRoughMeanLoss = kRoughLoss - (2.0f / 3.0f - 28.0f / (15.0f * kPi));
@@ -54,9 +50,18 @@ PH_INLINE float rough_loss(float cosine) {
   return kRoughLoss - g * (1.0f / kPi);
 }
 
-// f pi
-PH_INLINE Vec3 rough_reflectance(const Diffuse& m, Vec3 wo, Vec3 wi) {
-  if (m.roughness == 0.0f) return m.color;
+// The rough ones
+struct RoughDiffuse {
+  Vec3 color;
+  float roughness;
+
+  PH_INLINE static bool fits(const Diffuse& m) { return m.roughness != 0.0f; }
+  PH_INLINE static RoughDiffuse of(const Diffuse& m) { return {m.color, m.roughness}; }
+  PH_INLINE RoughDiffuse whole() const { return *this; }
+};
+
+// f pi, without branches
+PH_INLINE Vec3 reflectance(const RoughDiffuse& m, Vec3 wo, Vec3 wi) {
   const float o = abs(wo.z), i = abs(wi.z);
   const float scale = 1.0f / (1.0f + kRoughLoss * m.roughness);
   const float s = wo.x * wi.x + wo.y * wi.y;
@@ -70,15 +75,29 @@ PH_INLINE Vec3 rough_reflectance(const Diffuse& m, Vec3 wo, Vec3 wi) {
   return {both(m.color.x), both(m.color.y), both(m.color.z)};
 }
 
-PH_INLINE Vec3 eval(const Diffuse& m, Vec3 wo, Vec3 wi) {
-  return rough_reflectance(m, wo, wi) * pdf(m, wo, wi);
+PH_INLINE Vec3 reflectance(const Diffuse& m, Vec3 wo, Vec3 wi) {
+  return m.roughness == 0.0f ? m.color : reflectance(RoughDiffuse::of(m), wo, wi);
 }
 
-PH_INLINE bool sample(const Diffuse& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
+template <class Material>
+concept IsDiffuse = requires(const Material& m) { reflectance(m, Vec3{}, Vec3{}); };
+
+template <IsDiffuse Material>
+PH_INLINE float pdf(const Material&, Vec3 wo, Vec3 wi) {
+  return wo.z * wi.z > 0.0f ? cosine_hemisphere_pdf({wi.x, wi.y, abs(wi.z)}) : 0.0f;
+}
+
+template <IsDiffuse Material>
+PH_INLINE Vec3 eval(const Material& m, Vec3 wo, Vec3 wi) {
+  return reflectance(m, wo, wi) * pdf(m, wo, wi);
+}
+
+template <IsDiffuse Material>
+PH_INLINE bool sample(const Material& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
   out.wi = cosine_hemisphere(u.direction);
   out.pdf = cosine_hemisphere_pdf(out.wi);
   out.wi.z = copysign(out.wi.z, wo.z);
-  out.weight = rough_reflectance(m, wo, out.wi);
+  out.weight = reflectance(m, wo, out.wi);
   return out.pdf > 0.0f;
 }
 

@@ -27,7 +27,8 @@ struct Principled {
   float iridescence, iridescence_ior, iridescence_thickness;
   float dispersion;
 
-  using Plain = PlainForms<struct PlainPrincipled, struct LayeredPrincipled>;
+  using Plain = PlainForms<struct PlainPrincipled, struct LayeredPrincipled,
+                           struct BrushedPrincipled, struct GlassPrincipled>;
   static constexpr bool transmits = true;
   static constexpr bool lobe_draws = true;
   static constexpr const char* doc =
@@ -205,6 +206,17 @@ PH_INLINE void add_base(const Base& b, const Microfacets& facets, float ior, Vec
 PH_INLINE float gloss_index(float ior) { return max(ior, 1.0f / ior); }
 PH_INLINE Coat gloss_coat(const Microfacets& facets, float ior) {
   return make_coat(facets, gloss_index(ior));
+}
+
+// The microfacets' x in the frame of the surface, and directions of that in the frame of theirs.
+PH_INLINE CosSin brushed_axis(const Principled& m) {
+  return cos_sin_turns(m.anisotropy_rotation * (1.0f / 360.0f));
+}
+PH_INLINE Vec3 along(CosSin axis, Vec3 w) {
+  return {axis.c * w.x + axis.s * w.y, axis.c * w.y - axis.s * w.x, w.z};
+}
+PH_INLINE Vec3 back_along(CosSin axis, Vec3 w) {
+  return {axis.c * w.x - axis.s * w.y, axis.c * w.y + axis.s * w.x, w.z};
 }
 
 // What most surfaces are: the base alone, opaque and isotropic.
@@ -444,6 +456,95 @@ PH_INLINE bool choose(const LayeredPrincipled& m, const PickedLobe& lobe, Vec3 w
   return mirror_or_matte(microfacets(roughness, 0.0f, 0.0f), lobe.first, lobe.number, wo, wi);
 }
 
+// The base alone where it is brushed metal.
+struct BrushedPrincipled {
+  Vec3 color;
+  float roughness, anisotropy;
+  CosSin axis;  // the microfacets' x in the frame of the surface
+
+  static constexpr bool opaque = true;
+
+  struct From {
+    float gain;
+  };
+  using To = From;
+  using FromPlace = StretchedPlace;
+  using ToPlace = StretchedPlace;
+
+  PH_INLINE static bool fits(const Principled& m) {
+    return m.metallic == 1.0f && m.clearcoat == 0.0f && black(m.sheen_color) &&
+           m.iridescence == 0.0f && !isotropic(of(m).facets());
+  }
+  PH_INLINE static BrushedPrincipled of(const Principled& m) {
+    return {m.color, max(m.roughness, kLeastRoughness), m.anisotropy, brushed_axis(m)};
+  }
+  PH_INLINE Microfacets facets() const { return microfacets(roughness, anisotropy, 0.0f); }
+};
+
+PH_INLINE StretchedPlace place_to(const BrushedPrincipled& m, Vec3 wi) {
+  return stretched_place(m.facets(), along(m.axis, wi));
+}
+PH_INLINE StretchedPlace place_from(const BrushedPrincipled& m, Vec3 wo) { return place_to(m, wo); }
+inline BrushedPrincipled::To to(const BrushedPrincipled&, const StretchedPlace& at) {
+  return {metal_gain(Facets::ggx, at)};
+}
+inline BrushedPrincipled::From from(const BrushedPrincipled& m, const StretchedPlace& at) {
+  return to(m, at);
+}
+
+PH_INLINE Gloss gloss(const BrushedPrincipled& m, const BrushedPrincipled::From&, Vec3 wo) {
+  return gloss_of(m.facets(), mean(m.color), 0.0f, wo);
+}
+// All of it is one lobe.
+PH_INLINE LobeChances lobes(const BrushedPrincipled&, const BrushedPrincipled::From&) {
+  return {1.0f, 0.0f};
+}
+
+PH_INLINE BsdfValue evaluate(const BrushedPrincipled& m, const BrushedPrincipled::From& seen,
+                             const BrushedPrincipled::To& to, Vec3 wo, Vec3 wi) {
+  const float above = wo.z * wi.z > 0.0f ? 1.0f : 0.0f;
+  wo.z = abs(wo.z);
+  wi.z = abs(wi.z);
+  const Reflection f = reflection(m.facets(), along(m.axis, wo), along(m.axis, wi), true);
+  const Vec3 share = lerp(m.color, {1, 1, 1}, schlick_weight(min(f.facing, 1.0f)));
+  return {reflected(share, seen.gain * to.gain) * (f.value * above), f.pdf * above};
+}
+
+PH_INLINE bool choose(const BrushedPrincipled& m, const PickedLobe& lobe, Vec3 wo, Vec3& wi) {
+  const bool found = mirror_or_matte(m.facets(), true, lobe.number, along(m.axis, wo), wi);
+  wi = back_along(m.axis, wi);
+  return found;
+}
+
+// And clear ones: frosted glass, isotropic, without metal, layers or film.
+struct GlassPrincipled {
+  Vec3 color, specular_color;
+  float roughness, ior;
+
+  struct From {
+    float albedo;
+  };
+  using FromPlace = Vec3;
+
+  PH_INLINE static bool fits(const Principled& m) {
+    return m.transmission == 1.0f && m.metallic == 0.0f && m.clearcoat == 0.0f &&
+           black(m.sheen_color) && m.iridescence == 0.0f && m.anisotropy == 0.0f;
+  }
+  PH_INLINE static GlassPrincipled of(const Principled& m) {
+    return {m.color, m.specular_color, max(m.roughness, kLeastRoughness),
+            scaled_index(m.ior, m.specular)};
+  }
+  PH_INLINE Microfacets facets() const { return microfacets(roughness, 0.0f, 0.0f); }
+  PH_INLINE Frosted whole(const From& seen) const {
+    return {specular_color, color, ior, facets(), seen.albedo, 1.0f};
+  }
+};
+
+PH_INLINE Vec3 place_from(const GlassPrincipled&, Vec3 wo) { return wo; }
+inline GlassPrincipled::From from(const GlassPrincipled& m, Vec3 wo) {
+  return {frosted_albedo(m.facets(), m.ior, 0.0f, wo)};
+}
+
 // What any leaves for each lobe of the light towards wo, above the surface as it is seen.
 struct Layers {
   Vec3 wo;
@@ -458,19 +559,15 @@ struct Layers {
   Vec3 glass;
 };
 
-// In the frame of the microfacets: x along their axis, z towards the side of wo.
+// In the frame of the microfacets, z towards the side of wo.
 PH_INLINE Vec3 to_facets(const Principled& m, Vec3 w, float side) {
   w.z *= side;
-  if (m.anisotropy == 0.0f) return w;
-  const CosSin t = cos_sin_turns(m.anisotropy_rotation * (1.0f / 360.0f));
-  return {t.c * w.x + t.s * w.y, t.c * w.y - t.s * w.x, w.z};
+  return m.anisotropy == 0.0f ? w : along(brushed_axis(m), w);
 }
 
 PH_INLINE Vec3 from_facets(const Principled& m, Vec3 w, float side) {
   w.z *= side;
-  if (m.anisotropy == 0.0f) return w;
-  const CosSin t = cos_sin_turns(m.anisotropy_rotation * (1.0f / 360.0f));
-  return {t.c * w.x - t.s * w.y, t.c * w.y + t.s * w.x, w.z};
+  return m.anisotropy == 0.0f ? w : back_along(brushed_axis(m), w);
 }
 
 inline Layers prepare(const Principled& m, Vec3 world_wo) {

@@ -1,6 +1,6 @@
-// Blends: a path goes on by one of the two materials, as chance will have it, but light is asked for
-// both. What either scatters of it, by its share, is weighed against the density of its own of going
-// there: light that paths meet by themselves is weighed so, too, so each is counted once.
+// Blends: a path goes on by one of the two materials, as chance will have it, but light is asked
+// for both. What either scatters of it, by its share, is weighed against the density of its own of
+// going there: light that paths meet by themselves is weighed so, too, so each is counted once.
 #pragma once
 #include "lights.h"
 #include "materials.h"

@@ -145,6 +145,8 @@ void plain_materials_are_the_whole() {
   using namespace baseline;
   plain_is_the_whole<Diffuse, PlainDiffuse>(
       {block(MaterialKind::diffuse, {0.7f, 0.5f, 0.3f, 0.0f})});
+  plain_is_the_whole<Diffuse, RoughDiffuse>({block(MaterialKind::diffuse, {0.7f, 0.5f, 0, 0.3f}),
+                                             block(MaterialKind::diffuse, {1, 1, 0.9f, 1})});
   plain_is_the_whole<Metal, Metal>({block(MaterialKind::metal, {0.7f, 0.5f, 0.3f, 0.0f}),
                                     block(MaterialKind::metal, {0.7f, 0.5f, 0.3f, 0.4f}),
                                     block(MaterialKind::metal, {1.0f, 1.0f, 1.0f, 1.0f})});
@@ -155,13 +157,18 @@ void plain_materials_are_the_whole() {
   plain_is_the_whole<Conductor, PlainConductor<Facets::beckmann>>(
       {metal(0.3f, 0.0f, 1, 1), metal(0.9f, -0.7f, 1, 1), metal(0.0f, 0.0f, 1, 0),
        metal(0.0101f, 0.0f, 1, 1), metal(1.0f, 0.99f, 1, 1)});
-  plain_is_the_whole<Conductor, CompensatedConductor<Facets::ggx>>(
+  plain_is_the_whole<Conductor, CompensatedConductor<Facets::ggx, false>>(
       {metal(0.3f, 0.0f, 0, 0), metal(0.0101f, 0.0f, 0, 0), metal(1.0f, 0.0f, 0, 0)});
-  plain_is_the_whole<Conductor, CompensatedConductor<Facets::beckmann>>(
+  plain_is_the_whole<Conductor, CompensatedConductor<Facets::beckmann, false>>(
       {metal(0.3f, 0.0f, 1, 0), metal(0.0101f, 0.0f, 1, 0), metal(1.0f, 0.0f, 1, 0)});
+  plain_is_the_whole<Conductor, CompensatedConductor<Facets::ggx, true>>(
+      {metal(0.3f, 0.1f, 0, 0), metal(0.02f, -0.6f, 0, 0), metal(1.0f, 0.99f, 0, 0)});
+  plain_is_the_whole<Conductor, CompensatedConductor<Facets::beckmann, true>>(
+      {metal(0.3f, 0.1f, 1, 0), metal(0.02f, -0.6f, 1, 0), metal(1.0f, 0.99f, 1, 0)});
+  // What is brushed so little that nobody can tell takes tables of what is not.
   for_each_plain_form<Conductor>([&]<class Form>(u32) {
-    CHECK(!Form::fits(from_block<Conductor>(metal(0.3f, 0.1f, 0, 0))));
-    CHECK(!Form::fits(from_block<Conductor>(metal(0.3f, 0.1f, 1, 0))));
+    CHECK(!Form::fits(from_block<Conductor>(metal(0.3f, 1e-4f, 0, 0))));
+    CHECK(!Form::fits(from_block<Conductor>(metal(0.3f, 1e-4f, 1, 0))));
   });
   const auto principled = [](float metallic, float roughness, float ior, float specular) {
     Principled m{};
@@ -207,6 +214,46 @@ void plain_materials_are_the_whole() {
     Principled m = layered(0.5f, 0.5f, 0.1f, {0.5f, 0, 0});
     m.*layer = 0.1f;
     CHECK(!LayeredPrincipled::fits(m));
+  }
+  const auto brushed = [&](float roughness, float anisotropy, float rotation, float transmission) {
+    Principled m = principled(1.0f, roughness, 1.5f, 1);
+    m.anisotropy = anisotropy, m.anisotropy_rotation = rotation, m.transmission = transmission;
+    return m;
+  };
+  Principled sooty = brushed(0.5f, 0.5f, 0, 0);
+  sooty.color = {0, 0, 0};
+  plain_is_the_whole<Principled, BrushedPrincipled>(
+      {as_block(brushed(0.4f, 0.7f, 0, 0)), as_block(brushed(0.0f, -0.3f, 0, 0.5f)),
+       as_block(brushed(1.0f, 0.99f, 0, 0)), as_block(sooty)});
+  // Turned the way of a sample is, but for rounding, that of the whole.
+  const Principled turned = brushed(0.4f, 0.7f, 30, 0);
+  const BrushedPrincipled turned_form = BrushedPrincipled::of(turned);
+  for (u32 i = 0; i < 2000; ++i) {
+    const auto s = make_sampler(SamplerKind::independent, 1, 2, i, 9);
+    const Vec3 wo = uniform_sphere(draw2(s, 0));
+    BsdfSample one = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false}, other = one;
+    const bool is = sample(turned, wo, {draw2(s, 1), 0.5f}, one);
+    CHECK(is == sample_plainly(turned_form, wo, {draw2(s, 1), 0.5f}, other));
+    if (!is) continue;
+    const Vec3 off = one.wi - other.wi, heavier = one.weight - other.weight;
+    CHECK(dot(off, off) < 1e-12f && dot(heavier, heavier) < 1e-8f);
+  }
+  const auto clear = [&](float roughness, float ior, float specular) {
+    Principled m = principled(0.0f, roughness, ior, specular);
+    m.transmission = 1.0f, m.diffuse_roughness = 0.5f;
+    return m;
+  };
+  plain_is_the_whole<Principled, GlassPrincipled>(
+      {as_block(clear(0.2f, 1.5f, 1)), as_block(clear(0.0f, 1.0f, 0.5f)),
+       as_block(clear(1.0f, 2.5f, 0.1f)), as_block(clear(0.5f, 0.625f, 1))});
+  for (float Principled::* layer : {&Principled::metallic, &Principled::clearcoat,
+                                    &Principled::iridescence, &Principled::anisotropy}) {
+    Principled m = clear(0.5f, 1.5f, 1);
+    m.*layer = 0.1f;
+    CHECK(!GlassPrincipled::fits(m));
+    m = brushed(0.5f, 0.5f, 0, 0);
+    m.*layer = layer == &Principled::anisotropy ? 0.0f : 0.1f;
+    CHECK(!BrushedPrincipled::fits(m));
   }
   const auto plastic = [](float ior, float roughness, float nonlinear, float compensation,
                           float distribution = 0) {
