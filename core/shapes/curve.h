@@ -42,6 +42,8 @@ struct Curve {
   float radius[4];
   float along[2];
   u32 flags;
+
+  static constexpr bool found_alone = true;  // surface() has branches (wavefront/surfaces.h)
 };
 
 PH_INLINE Curve primitive(const CurveBlock& block, u32 lane) {

@@ -52,6 +52,8 @@ struct WallPoints {
   bool between[2];
 };
 
+// Without branches all is worked out.
+template <bool kBranches = true>
 PH_INLINE bool cross_walls(const Cylinder& c, Vec3 origin, Vec3 direction, WallPoints& at) {
   const DVec3 f = difference(c.start, origin), e = difference(c.end, c.start);
   const DVec3 d = to_double(direction);
@@ -59,7 +61,8 @@ PH_INLINE bool cross_walls(const Cylinder& c, Vec3 origin, Vec3 direction, WallP
   const double mm = dot(m, m), ee = dot(e, e), r2 = static_cast<double>(c.radius) * c.radius;
   const double triple = dot(d, k);
   const double discriminant = r2 * mm - triple * triple;
-  if (!(discriminant >= 0.0) || !(mm > 0.0)) return false;
+  const bool meets = (discriminant >= 0.0) & (mm > 0.0);
+  if (kBranches && !meets) return false;
   const double middle = dot(k, m) / mm, half = compiler::sqrt(discriminant * ee) / mm;
   // The product of the two gives the one whose size would come from a difference.
   const double q = middle < 0.0 ? middle - half : middle + half;
@@ -68,9 +71,9 @@ PH_INLINE bool cross_walls(const Cylinder& c, Vec3 origin, Vec3 direction, WallP
   at.t[1] = other < q ? q : other;
   for (int i = 0; i < 2; ++i) {
     const double along = at.t[i] * dot(d, e) - dot(f, e);
-    at.between[i] = along >= 0.0 && along <= ee;
+    at.between[i] = (along >= 0.0) & (along <= ee);
   }
-  return true;
+  return meets;
 }
 
 // Distances to the block's tubes, and a bit for each that is hit at 0 < t <= limit. self_lane: the
@@ -107,13 +110,11 @@ PH_INLINE u32 intersect(const CylinderBlock& block, const Ray& ray, float limit,
 // parameter is (0, the share of the way from start to end).
 PH_INLINE void surface(const Cylinder& c, const Ray& ray, float t, SurfacePoint& out) {
   WallPoints at;
-  double best = t;
-  if (cross_walls(c, ray.origin, ray.direction, at)) {
-    // Of two that are nearer to each other than t tells, the one first met.
-    const double slack = best * 0x1p-23;
-    const bool first = at.between[0] && abs(at.t[0] - best) <= abs(at.t[1] - best) + slack;
-    best = at.t[first ? 0 : 1];
-  }
+  const bool meets = cross_walls<false>(c, ray.origin, ray.direction, at);
+  // Of two that are nearer to each other than t tells, the one first met.
+  const double told = t, slack = told * 0x1p-23;
+  const bool first = at.between[0] & (abs(at.t[0] - told) <= abs(at.t[1] - told) + slack);
+  const double wall = first ? at.t[0] : at.t[1], best = meets ? wall : told;
   const DVec3 e = difference(c.end, c.start);
   const DVec3 p = difference(ray.origin, c.start) + to_double(ray.direction) * best;
   const double share = clamp(dot(p, e) / dot(e, e), 0.0, 1.0);

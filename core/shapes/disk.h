@@ -49,16 +49,19 @@ struct PlanePoint {
   double t, a, b;
 };
 
+// Without branches all is worked out.
+template <bool kBranches = true>
 PH_INLINE bool cross_plane(const Disk& d, Vec3 origin, Vec3 direction, PlanePoint& at) {
   const DVec3 n = scaled_normal(d), u = to_double(d.axis_u), v = to_double(d.axis_v);
   const DVec3 from = difference(origin, d.center), along = to_double(direction);
   const double slope = dot(n, along);
-  if (slope == 0.0) return false;
+  const bool crosses = slope != 0.0;
+  if (kBranches && !crosses) return false;
   at.t = -dot(n, from) / slope;
   const DVec3 p = from + along * at.t;
   at.a = dot(p, u) / dot(u, u);
   at.b = dot(p, v) / dot(v, v);
-  return true;
+  return crosses;
 }
 
 // Distances to the block's disks, and a bit for each that is hit at 0 < t <= limit.
@@ -88,11 +91,11 @@ PH_INLINE u32 intersect(const DiskBlock& block, const Ray& ray, float limit, u32
 
 // Where a ray that hits meets the surface. The parameter is the place in terms of the axes.
 PH_INLINE void surface(const Disk& d, const Ray& ray, float, SurfacePoint& out) {
-  PlanePoint at{};
-  cross_plane(d, ray.origin, ray.direction, at);
-  const DVec3 n = scaled_normal(d);
-  place(d.center, to_double(d.axis_u) * at.a + to_double(d.axis_v) * at.b, n, out);
-  out.parameter = {static_cast<float>(at.a), static_cast<float>(at.b)};
+  PlanePoint at;
+  const bool crosses = cross_plane<false>(d, ray.origin, ray.direction, at);
+  const double a = crosses ? at.a : 0.0, b = crosses ? at.b : 0.0;
+  place(d.center, to_double(d.axis_u) * a + to_double(d.axis_v) * b, scaled_normal(d), out);
+  out.parameter = {static_cast<float>(a), static_cast<float>(b)};
 }
 
 // u is the distance from the centre, 0 to 1, v the angle from axis_u over 360 degrees. At the

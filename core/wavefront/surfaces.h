@@ -4,17 +4,21 @@
 
 namespace parhelion::PH_ISA {
 
+// Shapes whose surfaces are found for all that are met: those that do not say otherwise.
+template <class Shape>
+concept FoundTogether = !requires { Shape::found_alone; };
+
 // Where rays meet primitives of one kind. kOthers: there are others, whose points are found
 // already.
-template <bool kOthers, class Shape>
-PH_APART inline void find_points(const Rows<Shape, kBatch>& __restrict shape, u32 lanes,
-                                 const Paths& __restrict paths, Vertices& __restrict v) {
+template <bool kOthers, FoundTogether Shape>
+PH_APART inline void find_points(const Rows<PrimitiveBlock, kBatch>& __restrict primitives,
+                                 u32 lanes, const Paths& __restrict paths, Vertices& __restrict v) {
   u32 these[kBatch];
   spread(lanes, these);
   for (u32 k = 0; k < kBatch; ++k) {
     const Ray ray = {paths.origin.at(k), paths.direction.at(k), kNoSlot, false};
     SurfacePoint s;
-    surface(shape.at(k), ray, paths.t[k], s);
+    surface(primitives.at<Shape>(k), ray, paths.t[k], s);
     const bool own = (these[k] != 0) | !kOthers;
     v.point.set(k, select(own, s.point, v.point.at(k)));
     v.normal.set(k, select(own, s.normal, v.normal.at(k)));
@@ -48,27 +52,31 @@ PH_APART inline void find_others(const SceneView& scene, const Paths& paths, u32
 // The surfaces that paths have met. wants_uv: lanes that want them even if the material does not.
 inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes, u32 wants_uv,
                           Vertices& v) {
-  u32 flat = 0, round = 0, others = 0, bare = 0, smooth = 0, parametrised = 0;
+  u32 kinds[8] = {}, others = 0, bare = 0, smooth = 0, parametrised = 0;
   for_each_bit(lanes, [&](u32 k) {
     const Slot slot = paths.slot.at(k);
     const u32 bit = 1u << k, index = slot.leaf & kLeafIndexMask;
     const ShapeKind kind = leaf_kind(slot.leaf);
-    const bool is_flat = kind == ShapeKind::triangle;
-    if (slot.instance != kNone || !(is_flat || kind == ShapeKind::sphere)) {
+    u32 id = kNone;
+    const auto take = [&](const auto& block) {
+      if constexpr (FoundTogether<decltype(primitive(block, slot.lane))>) {
+        v.primitive.set(k, primitive(block, slot.lane));
+        id = block.id[slot.lane];
+      }
+    };
+    if (slot.instance == kNone) {
+#define SHAPE(name, Type) \
+  if (kind == ShapeKind::name) take(scene.name##s[index]);
+#include "../shapes.def"
+#undef SHAPE
+    }
+    if (id == kNone) {
       others |= bit;
       return;
     }
-    const u32 id =
-        is_flat ? scene.triangles[index].id[slot.lane] : scene.spheres[index].id[slot.lane];
+    kinds[static_cast<u32>(kind)] |= bit;
     const ShapeRecord& shape = shape_of(scene, id);
     const MaterialRecord& m = material_of(scene, shape, id);
-    if (is_flat) {
-      v.triangle.set(k, primitive(scene.triangles[index], slot.lane));
-      flat |= bit;
-    } else {
-      v.sphere.set(k, primitive(scene.spheres[index], slot.lane));
-      round |= bit;
-    }
     (shape.normals ? smooth : bare) |= bit;
     if ((m.traits & kUsesUv) != 0) parametrised |= bit;
     v.id[k] = id;
@@ -78,14 +86,22 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
     v.color.set(k, own_color(scene, id, nullptr));
     v.inside_out[k] = shape.inside_out;
   });
-  parametrised |= wants_uv & (flat | round);
+  const u32 together = bare | smooth;
+  parametrised |= wants_uv & together;
   if (others != 0) find_others(scene, paths, others, wants_uv, v);
-  const auto find = [&]<class Shape>(const Rows<Shape, kBatch>& shape, u32 own, u32 found) {
-    if (own == 0) return;
-    with_flag(found != 0, [&]<bool kOthers>() { find_points<kOthers>(shape, own, paths, v); });
+  u32 found = others;
+  const auto find = [&]<class Shape>(ShapeKind kind) {
+    if constexpr (FoundTogether<Shape>) {
+      const u32 own = kinds[static_cast<u32>(kind)];
+      if (own == 0) return;
+      with_flag(found != 0,
+                [&]<bool kOthers>() { find_points<kOthers, Shape>(v.primitive, own, paths, v); });
+      found |= own;
+    }
   };
-  find(v.triangle, flat, others);
-  find(v.sphere, round, others | flat);
+#define SHAPE(name, Type) find.template operator()<Type>(ShapeKind::name);
+#include "../shapes.def"
+#undef SHAPE
   face_outside(bare, v);
   for_each_bit(smooth, [&](u32 k) {  // by vertices' normals
     Vec3 normal = v.normal.at(k), shading;
@@ -93,7 +109,7 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
     v.normal.set(k, normal);
     v.shading.set(k, shading);
   });
-  for_each_bit((flat | round) & v.parametrised & ~parametrised, [&](u32 k) {
+  for_each_bit(together & v.parametrised & ~parametrised, [&](u32 k) {
     v.uv.set(k, Vec2{0, 0});
     v.dpdu.set(k, Vec3{0, 0, 0});
     v.dpdv.set(k, Vec3{0, 0, 0});
@@ -102,13 +118,11 @@ inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes,
   v.parametrised = (v.parametrised & ~lanes) | parametrised | others;
   for_each_bit(parametrised, [&](u32 k) {
     Surface s;
-    SurfacePoint p = {v.point.at(k), v.normal.at(k), v.parameter.at(k), v.error[k]};
-    if ((flat >> k & 1u) != 0) {
-      parametrise(*v.shape[k], v.triangle.at(k), v.id[k], p, s);
-    } else {
-      if (v.inside_out[k] != 0) p.normal = -p.normal;  // as it was found
-      parametrise(*v.shape[k], v.sphere.at(k), v.id[k], p, s);
-    }
+    // The normal as it was found
+    const Vec3 normal = v.inside_out[k] != 0 ? -v.normal.at(k) : v.normal.at(k);
+    const SurfacePoint p = {v.point.at(k), normal, v.parameter.at(k), v.error[k]};
+    with_primitive(scene, paths.slot.at(k),
+                   [&](const auto& shape, u32 id) { parametrise(*v.shape[k], shape, id, p, s); });
     v.uv.set(k, s.uv);
     v.dpdu.set(k, s.dpdu);
     v.dpdv.set(k, s.dpdv);

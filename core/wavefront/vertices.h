@@ -29,6 +29,11 @@ struct alignas(4) PreparedBlock {
   }
 };
 
+// The most numbers that a shape may have whose surfaces are found together.
+struct PrimitiveBlock {
+  float value[10];
+};
+
 // What materials in plain forms scatter at sixteen surfaces.
 struct PlainSurfaces {
   Rows<PlainBlock, kBatch> plain;
@@ -40,9 +45,7 @@ struct PlainSurfaces {
 
 // Where paths have met surfaces: what one step of a bounce hands on to the next.
 struct Vertices : PlainSurfaces {
-  // What has been met, where it is one of these and its surface is found with others'
-  Rows<Triangle, kBatch> triangle;
-  Rows<Sphere, kBatch> sphere;
+  Rows<PrimitiveBlock, kBatch> primitive;  // what has been met, where its surface is found so
   // As in Surface
   Rows<Vec3, kBatch> point, normal, shading;
   Rows<Vec2, kBatch> parameter;
