@@ -68,7 +68,8 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
     for_each_bit(asked, [&](u32 k) {
       watch(Step::asks, wave, &v, k, Fate::scatters, (lit >> k & 1u) != 0);
     });
-    if (lit != 0) lit = receive(scene, view, kinds.transmitting, lit, p, v, stats);
+    const u32 crossing = kinds.transmitting & ~others.lanes;  // no bodies among these
+    if (lit != 0) lit = receive(scene, view, crossing, lit, p, v, stats);
     if ((lit & joining.glossy) != 0) note_lights(wave, v, lit & joining.glossy);
     for_each_bit(scattering, [&](u32 k) { watch(Step::receives, wave, &v, k, Fate::scatters); });
     wave.note_direct(equal(1, p.depth) & scattering);
@@ -76,6 +77,7 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   u32 mirrored = 0;
   const u32 on =
       scatter(scene, view, kinds, scattering, wave.alive & ~scattering, draws, v, p, mirrored);
+  leave_blends(others, v, on, p);
   if (wave.groups) divide_light(wave, joining, mirrored);
   for_each_bit(scattering, [&](u32 k) {
     watch(Step::scatters, wave, &v, k, (on >> k & 1u) != 0 ? Fate::passes : Fate::ends);

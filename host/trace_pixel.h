@@ -16,7 +16,7 @@ struct TracedLight {
   float pdf;        // per steradian, with the choice of the light
   bool delta;       // without extent: pdf is the probability of its choice
   Vec3 radiance;    // as it leaves the light
-  bool scattered;   // the material sends some of it on along the path
+  bool scattered;   // the material, or the other one of a blend, sends some on along the path
   double added[3];  // to the sample's radiance
 };
 

@@ -449,17 +449,13 @@ def blend(a: ph.Material, b: ph.Material, weight: float = 0.4) -> ph.Material:
     return ph.Material("blend", a=a, b=b, weight=weight)
 
 
-GROUNDS = {"principled": GLOSSY["principled"], "blend": blend(GLOSSY["gold"], BUMPY)}
-
-
-@pytest.mark.parametrize("ground", ["principled", "blend"])
-def test_gloss_before_chalk_behind_a_veil_adds_up_too(ground: str) -> None:
+def test_gloss_before_chalk_behind_a_veil_adds_up_too() -> None:
     """Paths go on from gloss to chalk, from chalk to gloss, and through half of a veil."""
     gold, veil = GLOSSY["gold"], ph.Material("diffuse", color=(0.6, 0.6, 0.6), opacity=0.5)
     things = [
         ph.Spheres([(0.5, 0, 0)], 0.6, gold),
         ph.Spheres([(-0.7, 0, 0)], 0.5, ph.Material("diffuse", color=(0.7, 0.7, 0.7))),
-        ph.Spheres([(0, -51, 0)], 50.0, GROUNDS[ground]),
+        ph.Spheres([(0, -51, 0)], 50.0, blend(GLOSSY["principled"], BUMPY)),
         ph.Spheres([(0, 0.2, 0.9)], 0.3, veil),
     ]
     centers = [(2.0, 1.5, 0.5), (-2.0, 1.0, 1.0), (0.3, 2.0, 1.0), (-0.5, 1.0, -2.0)]
@@ -509,14 +505,38 @@ def test_a_blend_is_as_bright_as_both_by_their_shares(pair: str) -> None:
     assert abs(gap.mean() / both.mean()) < 0.01
 
 
-def test_light_on_a_blend_is_not_left_to_chance() -> None:
-    """Half black and half white is as little noisy as grey."""
+def test_a_sheet_that_is_half_thin_is_as_bright_as_both() -> None:
+    """One of the lamps stands behind it."""
+    places = [(2, 1.5, 2), (-2, 1, -2), (0, 3, 1)]
+    lamps = [lamp(c, 0.3, 10.0 * np.array(g)) for c, g in zip(places, np.eye(3) + 1, strict=True)]
+    corners = [[-2, -2, 0], [2, -2, 0], [2, 2, 0], [-2, 2, 0]]
+
+    def runs(material: ph.Material) -> np.ndarray:
+        sheet = ph.Mesh(corners, [[0, 1, 2], [0, 2, 3]], material=material)
+        settings = {"spp": 256, "count": 24, "max_depth": 2, "sampler": "independent"}
+        return Look(size=8).runs(sheet, *lamps, **settings).astype(float).mean(axis=(2, 3))
+
+    thin = ph.Material("diffuse_transmission")
+    both = runs(blend(thin, CHALK))
+    gap = both - 0.6 * runs(thin) - 0.4 * runs(CHALK)
+    assert mean_p(gap, np.zeros(8)) > SIGNIFICANCE / 10
+    assert abs(gap.mean() / both.mean()) < 0.01
+
+
+@pytest.mark.parametrize("bodies", [False, True])
+def test_light_on_a_blend_is_not_left_to_chance(bodies: bool) -> None:
+    """Half black and half white is as little noisy as grey, also where paths know of bodies."""
 
     def noise(material: ph.Material) -> float:
         ball = ph.Spheres([(0, 0, 0)], 1.0, material)
         bulb = lamp((2, 1.5, 2), 0.3, np.full(3, 20.0))
+        far = [ph.Spheres([(0, 0, -9)], 0.5, tinted)] if bodies else []
         settings = {"spp": 16, "count": 12, "max_depth": 2, "sampler": "independent"}
-        return float(Look(size=8).runs(ball, bulb, **settings).std(axis=0).mean())
+        return float(Look(size=8).runs(ball, bulb, *far, **settings).std(axis=0).mean())
 
-    white, black, grey = (ph.Material("diffuse", color=(c, c, c)) for c in (0.8, 0.0, 0.4))
+    tinted = ph.Material("dielectric", absorption=(1, 2, 3))
+    white, black, grey = (
+        ph.Material("principled", color=(c, c, c), specular=0.0, roughness=1.0)
+        for c in (0.8, 0.0, 0.4)
+    )
     assert noise(blend(white, black, 0.5)) < 1.1 * noise(grey)

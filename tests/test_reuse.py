@@ -313,6 +313,7 @@ GLOSSY = {
         anisotropy_rotation=30,
     ),
     "plaster": ph.Material("diffuse", **COLORS, roughness=1.0),
+    "mixed": ph.Material("blend", a=WHITE, b=ph.Material("conductor", **COLORS, roughness=0.5)),
 }
 
 

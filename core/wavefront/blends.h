@@ -15,12 +15,20 @@ struct Partners {
   Vertices v;  // the surfaces as these materials make them, where there are any lanes
 };
 
-// Whether light is asked for a material if the path goes on by the other one: not for mirrors, and
-// not if it depends on the path what it scatters, or it changes the path.
+template <class Material>
+PH_INLINE bool lets_light_through(const Material& m) {
+  if constexpr (requires { m.transmission; }) return m.transmission > 0.0f && m.metallic < 1.0f;
+  return kTransmits<Material>;
+}
+
+// Whether light is asked for a material if the path goes on by the other one: not for mirrors, not
+// where paths would have to keep account of bodies, and not of what sends colours apart, which few
+// paths would ask for.
 PH_INLINE bool asks_beside(const MaterialRecord& record, const ParamBlock& block) {
-  return record.priority == 0 && !record.body && with_material(block, [](const auto& m) {
-           if constexpr (requires { m.dispersion; }) return !is_delta(m) && m.dispersion == 0.0f;
-           return !is_delta(m);
+  return record.priority == 0 && with_material(block, [&](const auto& m) {
+           if (is_delta(m) || (record.body && lets_light_through(m))) return false;
+           if constexpr (requires { m.dispersion; }) return m.dispersion == 0.0f;
+           return true;
          });
 }
 
@@ -75,13 +83,23 @@ inline u32 weigh_both(const Paths& paths, const Kinds& kinds, u32 lanes, u32 sha
   compiler::copy(o.light_delta, v.light_delta, sizeof(v.light_delta));
   const u32 theirs = weigh(paths, others.kinds, lanes & others.lanes, 0, o);
   for_each_bit((own | theirs) & others.lanes, [&](u32 k) {
-    Vec3 both = {0, 0, 0};
-    if ((own >> k & 1u) != 0) both += v.value.at(k) * (v.scale[k] * v.share[k]);
-    if ((theirs >> k & 1u) != 0) both += o.value.at(k) * (o.scale[k] * (1.0f - v.share[k]));
-    v.value.set(k, both);
+    const auto part = [&](const Vertices& in, u32 lit, float share) {
+      if ((lit >> k & 1u) == 0) return Vec3{0, 0, 0};
+      const float density = in.light_pdf[k];
+      const bool sampled = in.light_delta[k] == 0;
+      const float weight =
+          sampled ? power_heuristic(density, share * in.scattered.at(k).pdf) : 1.0f;
+      return in.value.at(k) * (share * weight / density);
+    };
+    v.value.set(k, part(v, own, v.share[k]) + part(o, theirs, 1.0f - v.share[k]));
     v.scale[k] = 1.0f;
   });
   return own | theirs;
+}
+
+// Of paths that go on from such surfaces: how likely they were to go there by their material.
+PH_INLINE void leave_blends(const Partners& others, const Vertices& v, u32 lanes, Paths& p) {
+  for_each_bit(lanes & others.lanes, [&](u32 k) { p.scatter_pdf[k] *= v.share[k]; });
 }
 
 }  // namespace parhelion::PH_ISA

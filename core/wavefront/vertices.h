@@ -68,7 +68,7 @@ struct Vertices : PlainSurfaces {
   const ParamBlock* block[kBatch];
   ParamBlock own[kBatch];
   // Bits for those that are of a blend, and those of them where it is its second material that
-  // scatters; the chance of that, and the other one.
+  // scatters; the share of the one that scatters, and the other one.
   u32 blended, second;
   float share[kBatch];
   const MaterialRecord* other[kBatch];

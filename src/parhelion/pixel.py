@@ -36,8 +36,8 @@ class LightSample:
     is no shape. copy: of instances, which one shines. direction: towards it, unit. distance: in the
     scene's units, infinite from outside. pdf: per steradian, with the choice of the light; of one
     without extent (`delta`) the probability of its choice. radiance: as it leaves the light.
-    scattered: whether the material sends some of it along the path. added: to the sample's
-    radiance; 0 if something is in between.
+    scattered: whether the material, or the other one of a blend, sends some of it on. added: to
+    the sample's radiance; 0 if something is in between.
     """
 
     name: str

@@ -237,6 +237,8 @@ void plain_materials_are_the_whole() {
     if (!is) continue;
     const Vec3 off = one.wi - other.wi, heavier = one.weight - other.weight;
     CHECK(dot(off, off) < 1e-12f && dot(heavier, heavier) < 1e-8f);
+    const float pdf = value_of(turned, wo, one.wi).pdf;
+    CHECK(std::abs(one.pdf / pdf - 1.0f) < 1e-3f && std::abs(other.pdf / pdf - 1.0f) < 1e-3f);
   }
   const auto clear = [&](float roughness, float ior, float specular) {
     Principled m = principled(0.0f, roughness, ior, specular);
