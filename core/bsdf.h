@@ -12,6 +12,7 @@
 //   lobe_draws = true       if sample takes `lobe`, too
 //   transmits = true        if light can pass: it is then asked for on both sides of the surface,
 //                           else only for wo above it, whichever side is seen
+//   is_opaque(m)            of a type that transmits, if some let no light pass
 //   albedo(m)               for features, if the colour is not good enough
 //   emitted(m)              radiance, only if it shines
 //   float mirror_pull       behind its parameters, 0 in blocks, if it chooses by chance what to

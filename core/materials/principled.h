@@ -57,6 +57,9 @@ struct Principled {
 };
 
 PH_INLINE bool is_delta(const Principled&) { return false; }
+PH_INLINE bool is_opaque(const Principled& m) {
+  return m.transmission == 0.0f || m.metallic == 1.0f;
+}
 PH_INLINE Vec3 albedo(const Principled& m) { return m.color; }
 
 // --- Sheen ------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ struct Partners {
 
 template <class Material>
 PH_INLINE bool lets_light_through(const Material& m) {
-  if constexpr (requires { m.transmission; }) return m.transmission > 0.0f && m.metallic < 1.0f;
+  if constexpr (requires { is_opaque(m); }) return !is_opaque(m);
   return kTransmits<Material>;
 }
 

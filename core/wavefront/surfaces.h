@@ -4,7 +4,8 @@
 
 namespace parhelion::PH_ISA {
 
-// Shapes whose surfaces are found for all that are met: those that do not say otherwise.
+// Shapes whose surfaces are found for all paths that meet them at once: those that do not say that
+// they are found alone.
 template <class Shape>
 concept FoundTogether = !requires { Shape::found_alone; };
 
@@ -52,7 +53,8 @@ PH_APART inline void find_others(const SceneView& scene, const Paths& paths, u32
 // The surfaces that paths have met. wants_uv: lanes that want them even if the material does not.
 inline void find_surfaces(const SceneView& scene, const Paths& paths, u32 lanes, u32 wants_uv,
                           Vertices& v) {
-  u32 kinds[8] = {}, others = 0, bare = 0, smooth = 0, parametrised = 0;
+  u32 kinds[static_cast<u32>(ShapeKind::instance)] = {}, others = 0, bare = 0, smooth = 0,
+      parametrised = 0;
   for_each_bit(lanes, [&](u32 k) {
     const Slot slot = paths.slot.at(k);
     const u32 bit = 1u << k, index = slot.leaf & kLeafIndexMask;

@@ -45,7 +45,7 @@ struct PlainSurfaces {
 
 // Where paths have met surfaces: what one step of a bounce hands on to the next.
 struct Vertices : PlainSurfaces {
-  Rows<PrimitiveBlock, kBatch> primitive;  // what has been met, where its surface is found so
+  Rows<PrimitiveBlock, kBatch> primitive;  // what has been met, of shapes that are found together
   // As in Surface
   Rows<Vec3, kBatch> point, normal, shading;
   Rows<Vec2, kBatch> parameter;
