@@ -11,9 +11,12 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from parhelion.atomic import replacing
 from parhelion.errors import ResourceError
+from parhelion.image import check_place
 from parhelion.machine import describe, load_average
 
+from .charts import draw_all, make_folder
 from .measure import ASKED, GROUPS, PEERS, Notes, Plan
 from .scenes import GALLERY, WEEKEND, BenchError, read_weekend
 from .summary import Row, table
@@ -24,28 +27,50 @@ SPHERES_NEEDED = {"weekend", "settings", "error"}
 
 
 def parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(prog="python -m bench", description="Measure Parhelion.")
+    p = argparse.ArgumentParser(
+        prog="python -m bench",
+        description="Measure Parhelion. What each group measures, and what options mean to it, is"
+        " in bench/README.md. Ctrl-C keeps what was measured until then.",
+    )
     d = Plan(WEEKEND)
     p.add_argument(
         "--spheres", type=Path, default=WEEKEND, metavar="FILE", help="the weekend scene"
     )
     timed = tuple(name for name in GROUPS if name not in ASKED)
-    p.add_argument("--only", type=_names(GROUPS), default=timed, metavar="GROUP,...")
-    p.add_argument("--peers", type=_names(PEERS), default=tuple(PEERS), metavar="NAME,...|none")
+    p.add_argument(
+        "--only",
+        type=_names(GROUPS),
+        default=timed,
+        metavar="GROUP,...",
+        help=f"of {', '.join(timed)}, which is the default; and {', '.join(ASKED)}, which are"
+        " measured only where they are named here",
+    )
+    p.add_argument(
+        "--peers",
+        type=_names(PEERS),
+        default=tuple(PEERS),
+        metavar="NAME,...|none",
+        help=f"of {', '.join(PEERS)}; default: all, of which those count that are installed",
+    )
     p.add_argument(
         "--scenes",
         type=_names(GALLERY),
         default=GALLERY,
         metavar="NAME,...",
-        help="of the groups equal, sharing, threads and overhead",
+        help="of the groups equal, sharing, threads and overhead; default: all, which are"
+        f" {', '.join(GALLERY)}",
     )
-    p.add_argument("--rounds", type=_count, default=d.rounds, help=f"default {d.rounds}")
-    p.add_argument("--width", type=_count, default=d.width)
-    p.add_argument("--height", type=_count, default=d.height)
-    p.add_argument("--spp", type=_count, default=d.spp)
-    p.add_argument("--depth", type=_count, default=d.depth)
-    p.add_argument("--threads", type=_count, default=d.threads)
-    p.add_argument("--reference-spp", type=_count, default=d.reference_spp)
+    for name, words in {
+        "rounds": "how often each is measured",
+        "width": "of pictures, in pixels; overhead takes a quarter of the pixels",
+        "height": "the same",
+        "spp": "samples a pixel",
+        "depth": "rays of a path, at most",
+        "threads": "of everybody; overhead and rays take one",
+        "reference-spp": "samples a pixel of what errors are against",
+    }.items():
+        default = getattr(d, name.replace("-", "_"))
+        p.add_argument(f"--{name}", type=_count, default=default, help=f"{words}; {default}")
     p.add_argument(
         "--long",
         action="store_true",
@@ -76,39 +101,59 @@ def parser() -> argparse.ArgumentParser:
 def main() -> int:
     args = vars(parser().parse_args())
     only, output, folder = (args.pop(name) for name in ("only", "output", "charts"))
-    plan, notes, rows = Plan(**args), Notes(), []
+    plan, notes = Plan(**args), Notes()
+    rows: list[Row] = []
     date = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    path = output or Path(f"bench-{date[:19].replace(':', '')}.json")
     load = load_average()
     if load is not None and load > BUSY:
         notes.add(f"the machine was busy at the start: load average {load:.1f}")
-    failed = False
     try:
+        check_place(path)
+        if folder is not None:
+            make_folder(folder)
         if set(only) & SPHERES_NEEDED:
             read_weekend(plan.spheres)
-    except BenchError as problem:
+    except (BenchError, ResourceError) as problem:
         print(f"bench: {problem}", file=sys.stderr)
         return 2
+    status = measure(only, plan, notes, rows)
+    result = report(plan, notes, rows, date)
+    try:
+        with replacing(path) as part:
+            part.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        print(text(result, rows))
+        print(f"{path} written", file=sys.stderr)
+        if folder is not None:
+            draw_all(result["rows"], folder)
+    except ResourceError as problem:
+        print(f"bench: {problem}", file=sys.stderr)
+        return 2
+    return status
+
+
+def measure(only: Iterable[str], plan: Plan, notes: Notes, rows: list[Row]) -> int:
+    """Adds the rows of the groups `only`, as they are found: what was measured is not lost by what
+    is not, nor by Ctrl-C. Returns the exit code: 0; 1 if a group failed or found nothing; 130.
+    """
+    status = 0
     for name in only:
         print(f"measuring: {name}", file=sys.stderr)
+        before = len(rows)
         try:
-            rows += GROUPS[name](plan, notes)
-        except BenchError as problem:  # what other groups measured is not lost
-            notes.add(f"{name} was not measured: {problem}")
-            failed = True
-    result = report(plan, notes, rows, date)
-    path = output or Path(f"bench-{date[:19].replace(':', '')}.json")
-    path.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-    print(text(result, rows))
-    print(f"{path} written", file=sys.stderr)
-    if folder is not None:
-        from .charts import draw_all
-
-        try:
-            draw_all(result["rows"], folder)
-        except ResourceError as problem:
-            print(f"bench: {problem}", file=sys.stderr)
-            return 2
-    return int(failed)
+            for row in GROUPS[name](plan, notes):
+                rows.append(row)
+        except BenchError as problem:
+            notes.add(f"{name} was not measured{' to the end' * (len(rows) > before)}: {problem}")
+            status = 1
+        except KeyboardInterrupt:
+            notes.add(f"stopped by Ctrl-C while {name} was measured")
+            return 130
+        else:
+            if len(rows) == before:
+                notes.add(f"{name}: nothing was measured")
+                status = 1
+    return status
 
 
 def report(plan: Plan, notes: Notes, rows: list[Row], date: str) -> dict[str, Any]:
@@ -134,8 +179,8 @@ def text(result: dict[str, Any], rows: list[Row]) -> str:
     lines = [
         f"{result['date']}; {m['cpu']}, {m['cores_available']} cores; Python {m['python']};"
         f" {', '.join(versions)}.",
-        f"{p['width']}x{p['height']}, {p['spp']} spp, depth {p['depth']}, {p['threads']} threads,"
-        f" {p['rounds']} rounds.",
+        f"Where a group has no settings of its own: {p['width']}x{p['height']}, {p['spp']} spp,"
+        f" depth {p['depth']}, {p['threads']} threads, {p['rounds']} rounds.",
         "",
         table(rows),
         "",

@@ -14,7 +14,6 @@ threads.svg   speed-up against threads, of `threads`
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -26,6 +25,7 @@ import numpy as np
 from parhelion.atomic import replacing
 from parhelion.errors import ResourceError
 
+from .compare import BenchFileError, read
 from .measure import ALONE, OURS, PEERS
 from .rays import EMBREE, PACKETS, RAYS, ROBUST
 from .scenes import GALLERY
@@ -153,10 +153,13 @@ def scale(rows: Rows) -> Figure | None:
         count, value = np.array(quantities[name]).T
         value = value * factor * count**power
         far, there = beyond(count, value, linear=power == 1)
-        print(f"{label}: {there:.3g} at {far:.0e}")
         axis.semilogx(count, value, "o-", color=COLORS[OURS], label="measured")
-        line, words = ([count[-1], far], [value[-1], there]), "by the slope"
-        axis.plot(*line, "o:", color=COLORS[OURS], mfc="white", markevery=[1], label=words)
+        if there > 0.0:
+            print(f"{label}: {there:.3g} at {far:.0e}")
+            line, words = ([count[-1], far], [value[-1], there]), "by the slope"
+            axis.plot(*line, "o:", color=COLORS[OURS], mfc="white", markevery=[1], label=words)
+        else:  # of so few spheres that what each picture takes is most of it
+            print(f"{label}: what was measured tells nothing of {far:.0e}")
         axis.set(xlabel="spheres", ylabel=label)
         if power == 1:
             axis.set_yscale("log")
@@ -229,19 +232,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     p.add_argument("-o", "--output", type=Path, default=Path(), metavar="FOLDER")
     args = p.parse_args(arguments)
     try:
-        rows = [row for path in args.results for row in json.loads(path.read_text())["rows"]]
-    except (OSError, ValueError, KeyError, TypeError) as problem:
-        print(f"charts: not files of python -m bench: {problem!r}", file=sys.stderr)
-        return 2
-
-    try:
+        rows = [row for path in args.results for row in read(path)["rows"]]
+        make_folder(args.output)
         written = draw_all(rows, args.output)
-    except ResourceError as problem:
+    except (BenchFileError, ResourceError) as problem:
         print(f"charts: {problem}", file=sys.stderr)
         return 2
-    if not written:
-        print(f"charts: no rows of {', '.join(CHARTS)} in these files", file=sys.stderr)
     return 0 if written else 2
+
+
+def make_folder(folder: Path) -> None:
+    """Raises ResourceError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise ResourceError(f"{folder}: cannot be made a folder: {problem.strerror}") from None
 
 
 def draw_all(rows: Rows, folder: Path) -> list[Path]:
@@ -261,6 +266,8 @@ def draw_all(rows: Rows, folder: Path) -> list[Path]:
                 figure.savefig(part, format="svg", metadata={"Date": None})
         print(f"{path} written", file=sys.stderr)
         written.append(path)
+    if not written:
+        print(f"nothing measured that charts show: {', '.join(CHARTS)}", file=sys.stderr)
     return written
 
 

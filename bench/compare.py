@@ -1,7 +1,8 @@
 """What changed between two files that `python -m bench` wrote: `bench/compare.py A.json B.json`.
 
-Ours is compared with ours; of others, how they stand to ours, which does not depend on how fast the
-machine was. Seconds to an error count times that error, as another sampler has another to reach.
+Ours is compared with ours; of others, how they stand to ours, and where a ratio is asked for, that
+ratio, which does not depend on how fast the machine was. Seconds to an error count times that
+error, as another sampler has another to reach.
 
 A median has changed if the runs of A and of B do not overlap at all and the medians differ by more
 than 1 %. By chance alone, 3 runs each lie apart in 1 of 10 rows, 5 in 1 of 126: fewer than 3 say
@@ -17,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 OURS = "parhelion"
+FIELDS = frozenset(("group", "name", "unit", "runs", "median", "min", "max", "more"))
+FIELDS |= {"against", "ratios", "least_ratio", "most_ratio"}
 LEAST_CHANGE = 0.01
 LEAST_RUNS = 3
 
@@ -24,14 +27,39 @@ LEAST_RUNS = 3
 WORDS = ("worse", "better", "unknown", "new", "gone", "same")
 
 
+class BenchFileError(ValueError):
+    """Of a file that is none of `python -m bench`; says which."""
+
+
+def read(path: Path) -> dict[str, Any]:
+    """What `python -m bench` wrote. Raises BenchFileError."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise BenchFileError(f"{path}: {problem.strerror}") from None
+    except ValueError:
+        raise BenchFileError(f"{path}: is no JSON") from None
+    sound = isinstance(found, dict) and isinstance(found.get("rows"), list)
+    for part, kind in (("machine", dict), ("plan", dict), ("versions", dict), ("notes", list)):
+        sound = sound and isinstance(found.get(part), kind)
+    if not sound or not all(
+        isinstance(row, dict) and row.keys() >= FIELDS for row in found["rows"]
+    ):
+        raise BenchFileError(f"{path}: is no file of python -m bench, or of an old one")
+    return dict(found)
+
+
 def quantity(row: dict[str, Any]) -> dict[str, Any]:
     """What is compared of a row: median, min, max, unit, the number of runs, and more, whether more
     of it is better for ours.
     """
-    if row["against"] == OURS and not row["name"].startswith(OURS) and "ratio" in row:
-        # The other's seconds over ours, or its speed over ours.
-        count, unit = len(row["ratios"]), f"x {OURS}"
-        return row["ratio"] | {"unit": unit, "count": count, "more": not row["more"]}
+    asked = row["least_ratio"] is not None or row["most_ratio"] is not None
+    theirs = row["against"] == OURS and not row["name"].startswith(OURS)
+    if (asked or theirs) and "ratio" in row:
+        # The other's seconds over ours, or its speed over ours; or of two of ours.
+        more = row["least_ratio"] is not None if asked else not row["more"]
+        count, unit = len(row["ratios"]), f"x {row['against']}"
+        return row["ratio"] | {"unit": unit, "count": count, "more": more}
     error = row.get("error") or 1.0
     spread = {key: error * row[key] for key in ("median", "min", "max")}
     unit = f"{row['unit']} x error" if row.get("error") else row["unit"]
@@ -89,13 +117,9 @@ def main() -> int:
     parser.add_argument("after", type=Path, metavar="B.json")
     args = parser.parse_args()
     try:
-        before, after = (json.loads(path.read_text()) for path in (args.before, args.after))
-        lines, worse = compare(before, after)
-    except (OSError, ValueError) as error:
+        lines, worse = compare(read(args.before), read(args.after))
+    except BenchFileError as error:
         print(f"compare: {error}", file=sys.stderr)
-        return 2
-    except (KeyError, TypeError, AttributeError) as error:
-        print(f"compare: not a file of python -m bench: {error!r}", file=sys.stderr)
         return 2
     print("\n".join(lines))
     return int(worse)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -39,16 +40,14 @@ class Run:
     cpu: float
 
 
-def equal(plan: Any, notes: Any) -> list[Row]:
+def equal(plan: Any, notes: Any) -> Iterator[Row]:
     """Seconds and processor seconds to our error at SPP samples, ours and the peers', by scene."""
     folder = plan.cache / "equal"
     folder.mkdir(parents=True, exist_ok=True)
-    rows: list[Row] = []
-    found: list[list[str]] = []
-    for lines in by_scene(plan, notes, "equal", partial(_scene, folder, rows)):
-        found += lines
-        (folder / "equal.md").write_text(report(found) + "\n", encoding="utf-8")
-    return rows
+    lines: list[list[str]] = []
+    for rows in by_scene(plan, notes, "equal", partial(_scene, folder, lines)):
+        (folder / "equal.md").write_text(report(lines) + "\n", encoding="utf-8")
+        yield from rows
 
 
 def report(found: list[list[str]]) -> str:
@@ -71,8 +70,8 @@ def seconds_at(error: float, few: tuple[float, float], many: tuple[float, float]
     return exp(log(few[1]) + share * log(many[1] / few[1]))
 
 
-def _scene(folder: Path, rows: list[Row], plan: Any, notes: Any, name: str) -> list[list[str]]:
-    """Adds to rows, and returns lines of the report."""
+def _scene(folder: Path, lines: list[list[str]], plan: Any, notes: Any, name: str) -> list[Row]:
+    """Adds lines of the report, too."""
     import numpy as np
     from tests.reference_tools import save_side_by_side
 
@@ -127,7 +126,7 @@ def _scene(folder: Path, rows: list[Row], plan: Any, notes: Any, name: str) -> l
                         runs[peer][k].append(run)
     path.unlink()
 
-    lines = []
+    rows = []
     for peer, (few, many) in runs.items():
         ours = runs[OURS]
         times = {
@@ -179,7 +178,7 @@ def _scene(folder: Path, rows: list[Row], plan: Any, notes: Any, name: str) -> l
         ]
         if peer in PEERS:
             save_side_by_side(references[OURS], references[peer], folder / f"{name}, {peer}.png")
-    return lines
+    return rows
 
 
 def _seconds(few: list[Run], many: list[Run], target: float, error: str, clock: str) -> list[float]:

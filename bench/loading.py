@@ -8,6 +8,7 @@ the file is in memory and modules are imported.
 from __future__ import annotations
 
 import gzip
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,9 +44,8 @@ MOST = {"particles/gro/bigbox.gro.bz2": 2.0}
 TREES = (".ply", ".obj", ".glb", ".pbrt", ".xml", ".bz2")
 
 
-def loading(plan: Any, notes: Any) -> list[Row]:
+def loading(plan: Any, notes: Any) -> Iterator[Row]:
     """Seconds to load, to load and build trees, and peak memory, by file."""
-    rows: list[Row] = []
     files = [(SHARED / name, peers) for name, peers in SCENES.items()]
     files += [(path, DRAGONS[path.name]) for path in dragons(plan, notes)]
     for file, peers in files:
@@ -56,8 +56,7 @@ def loading(plan: Any, notes: Any) -> list[Row]:
         for tree in (False, True):
             if not tree or file.suffix in TREES:
                 others = [p for p in peers if not tree or p == "mitsuba"]
-                rows += measured(plan, notes, file, others, tree, MOST.get(known))
-    return rows
+                yield from measured(plan, notes, file, others, tree, MOST.get(known))
 
 
 def measured(

@@ -1,4 +1,5 @@
-"""What is measured, one function a group. Each returns its rows and adds to the notes.
+"""What is measured, one function a group. Each adds to the notes and returns its rows, or yields
+them as they are found, so that they are there if it is broken off.
 
 Runs that are compared alternate: A B A B, so that a machine that slows down slows both.
 """
@@ -9,7 +10,7 @@ import hashlib
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from decimal import Decimal
@@ -159,14 +160,12 @@ def startup(plan: Plan, _notes: Notes) -> list[Row]:
     ]
 
 
-def clouds(plan: Plan, notes: Notes) -> list[Row]:
+def clouds(plan: Plan, notes: Notes) -> Iterator[Row]:
     """Boxes of random spheres: tree build, rays a second, memory. A fresh process each time."""
-    rows = []
     for count in plan.clouds or (10**5, 10**6) + ((10**7, 10**8) if plan.long else ()):
         # glass: every second sphere
         for glass in (False, True) if count <= 10**7 else (False,):
-            rows += _cloud(plan, notes, count, glass)
-    return rows
+            yield from _cloud(plan, notes, count, glass)
 
 
 def _cloud(plan: Plan, notes: Notes, count: int, glass: bool) -> list[Row]:
@@ -249,7 +248,7 @@ def error(plan: Plan, notes: Notes) -> list[Row]:
     return rows
 
 
-GROUPS: dict[str, Callable[[Plan, Notes], list[Row]]] = {
+GROUPS: dict[str, Callable[[Plan, Notes], Iterable[Row]]] = {
     "weekend": weekend,
     "settings": settings,
     "startup": startup,

@@ -8,6 +8,7 @@ picture: finding what is met, materials, textures, lights, numbers, the film.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import chain
 from typing import Any
 
@@ -18,9 +19,9 @@ from .summary import Row, ratios
 MOST = 1.6
 
 
-def overhead(plan: Any, notes: Any) -> list[Row]:
+def overhead(plan: Any, notes: Any) -> Iterator[Row]:
     """Seconds of each scene's picture, and of traversal."""
-    return list(chain(*by_scene(plan, notes, "overhead", _scene)))
+    return chain.from_iterable(by_scene(plan, notes, "overhead", _scene))
 
 
 def _scene(plan: Any, notes: Any, name: str) -> list[Row]:
@@ -30,7 +31,7 @@ def _scene(plan: Any, notes: Any, name: str) -> list[Row]:
     worker = Worker("parhelion", picture_job(name, load(name, pixels), pixels, 1))
     try:
         worker.render(1)
-        answers = [worker.render(plan.spp, seed) for seed in range(min(plan.rounds, 3))]
+        answers = [worker.render(plan.spp, seed) for seed in range(plan.rounds)]
     finally:
         worker.close()
     notes.versions["parhelion"] = worker.known

@@ -55,13 +55,10 @@ AMIDST = (0.01, 0.02, -0.03)  # of the closed meshes; off their axes, for rays o
 MOST = {"triangles": 1.0, "spheres": 1 / 1.5}  # Embree's rays a second over ours, as asked
 
 
-def rays(plan: Any, notes: Any) -> list[Row]:
+def rays(plan: Any, notes: Any) -> Iterator[Row]:
     """By the number of primitives: seconds to build, and rays of each kind."""
-    return [
-        row
-        for path, what, shape in loads(plan, notes, "rays")
-        for row in measured(plan, notes, path, what, shape)
-    ]
+    for path, what, shape in loads(plan, notes, "rays"):
+        yield from measured(plan, notes, path, what, shape)
 
 
 def loads(plan: Any, notes: Any, group: str) -> Iterator[tuple[Path, str, str]]:

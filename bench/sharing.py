@@ -7,6 +7,7 @@ the group `equal`, against one picture of `--reference-spp`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import ExitStack
 from functools import partial
 from itertools import chain
@@ -22,9 +23,9 @@ from .summary import Row, ratios
 WAYS: dict[str, bool | str] = {"alone": False, "shared": True, "by default": "auto"}
 
 
-def sharing(plan: Any, notes: Any) -> list[Row]:
+def sharing(plan: Any, notes: Any) -> Iterator[Row]:
     """Processor seconds, errors, and errors times seconds, by scene and way."""
-    return list(chain(*by_scene(plan, notes, "sharing", _scene)))
+    return chain.from_iterable(by_scene(plan, notes, "sharing", _scene))
 
 
 def _scene(plan: Any, notes: Any, name: str) -> list[Row]:

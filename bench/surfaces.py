@@ -9,6 +9,7 @@ error over ours, each against the renderer's own picture of `--reference-spp` sa
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from statistics import median
@@ -91,13 +92,12 @@ SHAPES = {
 PLACES = [((i - 2) * 1.5, (j - 1.5) * 1.5) for i in range(5) for j in range(4)]
 
 
-def surfaces(plan: Any, notes: Any) -> list[Row]:
+def surfaces(plan: Any, notes: Any) -> Iterator[Row]:
     """Seconds and trimmed errors of each, ours and Mitsuba's."""
     folder = plan.cache / "surfaces"
     folder.mkdir(parents=True, exist_ok=True)
     strands = folder / "strands.txt"
     strands.write_text(_strands(), encoding="utf-8")
-    rows: list[Row] = []
     for name, things in _things(strands).items():
         for light in LIGHTS if name in MATERIALS else ("sky",):
             print(f"measuring: {name}, {light}", file=sys.stderr)
@@ -108,8 +108,7 @@ def surfaces(plan: Any, notes: Any) -> list[Row]:
                 ),
                 encoding="utf-8",
             )
-            rows += _measured(plan, notes, f"{name}, {light}", path, folder)
-    return rows
+            yield from _measured(plan, notes, f"{name}, {light}", path, folder)
 
 
 def _things(strands: Path) -> dict[str, str]:

@@ -8,6 +8,7 @@ And as many processes of one thread each: what the machine allows where nothing 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from functools import partial
@@ -25,9 +26,9 @@ EFFICIENCY = 0.97
 MOST_PROCESSES = 8
 
 
-def threads(plan: Any, notes: Any) -> list[Row]:
+def threads(plan: Any, notes: Any) -> Iterator[Row]:
     """Seconds with 1, 2, 4, ... threads up to those of the plan, which come first."""
-    return list(chain(*by_scene(plan, notes, "threads", _scene)))
+    return chain.from_iterable(by_scene(plan, notes, "threads", _scene))
 
 
 def counts(most: int) -> list[int]:

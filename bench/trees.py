@@ -8,6 +8,7 @@ gone. Both rest before each, since threads go on spinning for a while after thei
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -20,13 +21,10 @@ from .summary import Row, ratios
 REST = 0.05  # seconds
 
 
-def trees(plan: Any, notes: Any) -> list[Row]:
+def trees(plan: Any, notes: Any) -> Iterator[Row]:
     """Seconds a tree by program, and what a line through ours is expected to visit."""
-    return [
-        row
-        for path, what, _ in loads(plan, notes, "trees")
-        for row in _measured(plan, notes, path, what)
-    ]
+    for path, what, _ in loads(plan, notes, "trees"):
+        yield from _measured(plan, notes, path, what)
 
 
 def _measured(plan: Any, notes: Any, path: Path, what: str) -> list[Row]:

@@ -10,14 +10,18 @@ import importlib
 import json
 import os
 import resource
+import signal
 import sys
 import traceback
 from typing import Any
+
+from parhelion.errors import ParhelionError
 
 from .scenes import BenchError
 
 
 def main() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # it is for who asks to say something
     # Renderers print what they like to stdout; answers go where only we write.
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
@@ -32,7 +36,7 @@ def main() -> None:
             else:
                 answer = render(request)
             answer["peak_bytes"] = peak_bytes()
-        except BenchError as error:
+        except (BenchError, ParhelionError) as error:
             answer = {"error": str(error)}
         except ImportError as error:
             answer = {"error": f"not installed: {error}"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,6 +21,7 @@ if not (REPOSITORY / "bench").is_dir():
     pytest.skip("bench/ is not part of a source distribution", allow_module_level=True)
 sys.path.insert(0, str(REPOSITORY))
 
+from bench import __main__ as main  # noqa: E402
 from bench import charts, instructions, memory, rays, trees  # noqa: E402
 from bench.compare import compare, verdict  # noqa: E402
 from bench.equal import seconds_at  # noqa: E402
@@ -29,6 +31,13 @@ from bench.renderers import luxcore  # noqa: E402
 from bench.scenes import GALLERY, BenchError, by_scene, read_weekend  # noqa: E402
 from bench.summary import Row, ratios, spread, table  # noqa: E402
 from bench.threads import counts  # noqa: E402
+
+# What a file has beside rows
+FRAME = {"machine": {}, "plan": {}, "versions": {}, "notes": []}
+
+
+def written(rows: list[dict]) -> dict:
+    return {**FRAME, "rows": rows}
 
 
 def weekend() -> dict:
@@ -121,6 +130,10 @@ def peer(*ratios: float, more: bool = False) -> dict:
     return row(*ratios, more=more, against="parhelion", ratios=ratios)
 
 
+def asked(*ratios: float, **ratio: float) -> dict:
+    return row(*(7.0 * r for r in reversed(ratios)), against="traversal", ratios=ratios, **ratio)
+
+
 @pytest.mark.parametrize(
     ("before", "after", "word"),
     [
@@ -135,6 +148,9 @@ def peer(*ratios: float, more: bool = False) -> dict:
         # another's seconds over ours, and its speed over ours
         (peer(2.0, 2.1, 2.1), peer(1.5, 1.6, 1.6), "worse"),
         (peer(1.2, 1.3, 1.3, more=True), peer(1.0, 1.1, 1.1, more=True), "better"),
+        # where a ratio is asked for, that, however fast the machine was
+        (asked(2.0, 2.1, 2.1, most_ratio=1.6), asked(2.3, 2.3, 2.4, most_ratio=1.6), "worse"),
+        (asked(1.8, 1.8, 1.8, least_ratio=1.9), asked(1.9, 2.0, 1.9, least_ratio=1.9), "better"),
         # twice the time, but to a third of the error
         (row(1.0, 1.1, 1.0, error=0.3), row(2.0, 2.2, 2.0, error=0.1), "better"),
     ],
@@ -462,12 +478,13 @@ def test_charts_are_drawn_of_what_the_files_have(tmp_path: Path, capsys: pytest.
         for spp in (16, 64)
         for what, value in (("trimmed error", 1 / spp), ("processor", spp / 10))
     ]
-    (tmp_path / "a.json").write_text(json.dumps({"rows": clouds}))
-    (tmp_path / "b.json").write_text(json.dumps({"rows": equal}))
+    (tmp_path / "a.json").write_text(json.dumps(written(clouds)))
+    (tmp_path / "b.json").write_text(json.dumps(written(equal)))
     files = [str(tmp_path / name) for name in ("a.json", "b.json")]
-    assert charts.main([*files, "-o", str(tmp_path)]) == 0
-    assert sorted(path.stem for path in tmp_path.glob("*.svg")) == ["error", "scale"]
-    drawn = (tmp_path / "error.svg").read_text()
+    folder = tmp_path / "charts" / "of it"  # is made
+    assert charts.main([*files, "-o", str(folder)]) == 0
+    assert sorted(path.stem for path in folder.glob("*.svg")) == ["error", "scale"]
+    drawn = (folder / "error.svg").read_text()
     assert all(word in drawn for word in ("weekend", "Parhelion", "LuxCore"))
     assert "Cycles" not in drawn
     # memory by its slope over the number: 40 bytes each and 1e7 altogether; speed by each tenfold
@@ -475,14 +492,49 @@ def test_charts_are_drawn_of_what_the_files_have(tmp_path: Path, capsys: pytest.
     assert "memory beyond the input, GB: 4.01 at 1e+08" in said
     assert "whole paths, M rays/s and core: 2.6 at 1e+08" in said
 
-    (tmp_path / "c.json").write_text('{"rows": []}')
-    assert charts.main([str(tmp_path / "c.json")]) == 2
-    none = "charts: no rows of error, rays, scale, threads in these files\n"
+    # so few spheres that a line through the largest two would come to less than nothing
+    few = {"1e5": "1e2", "1e6": "1e3", "1e7": "1e4"}
+    for line in clouds:
+        line["group"] = few[line["group"].split()[0]] + " spheres"
+    (tmp_path / "few.json").write_text(json.dumps(written(clouds)))
+    assert charts.main([str(tmp_path / "few.json"), "-o", str(folder)]) == 0
+    assert "-" not in capsys.readouterr().out.replace("e-", "")
+
+    (tmp_path / "c.json").write_text(json.dumps(written([])))
+    assert charts.main([str(tmp_path / "c.json"), "-o", str(folder)]) == 2
+    none = "nothing measured that charts show: error, rays, scale, threads\n"
     assert capsys.readouterr().err == none
-    assert charts.main([str(tmp_path / "none.json")]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
-    assert charts.main([*files, "-o", str(tmp_path / "none")]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    assert charts.main([*files, "-o", files[0]]) == 2
+    assert "a.json: cannot be made a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "No such file"),
+        ("{", "is no JSON"),
+        ("\x00\xff", "is no JSON"),
+        ("[]", "is no file of python -m bench"),
+        ('{"rows": []}', "is no file of python -m bench"),
+        (json.dumps({**FRAME, "rows": "x"}), "is no file of python -m bench"),
+        (json.dumps({**FRAME, "rows": [{"what": 3}]}), "is no file of python -m bench"),
+    ],
+)
+def test_what_is_no_file_of_ours_is_named(tmp_path: Path, text: str | None, words: str):
+    path = tmp_path / "x.json"
+    if text is not None:
+        path.write_text(text, encoding="latin-1")
+    good = tmp_path / "good.json"
+    good.write_text(json.dumps(written([row(1.0)])))
+    for arguments in (
+        ("bench/compare.py", good, path),
+        ("-m", "bench.charts", path, "-o", tmp_path),
+    ):
+        done = command(*arguments)
+        assert done.returncode == 2
+        (line,) = done.stderr.splitlines()
+        assert f"{path}: " in line
+        assert words in line
 
 
 def test_instructions_that_became_more_are_a_failure():
@@ -523,10 +575,51 @@ def test_mistakes_end_with_2_and_one_line(tmp_path: Path):
     assert done.stderr.splitlines()[-1].startswith("bench: ")
     assert "--spheres" in done.stderr
     assert len(done.stderr.splitlines()) == 1
-    (tmp_path / "x.json").write_text("[]")
-    done = command("bench/compare.py", tmp_path / "x.json", tmp_path / "x.json")
-    assert done.returncode == 2
-    assert "not a file of python -m bench" in done.stderr
+    # before anything is measured
+    for option, place in (
+        ("-o", tmp_path),
+        ("-o", tmp_path / "none" / "x.json"),
+        ("--charts", __file__),
+    ):
+        done = command("-m", "bench", "--only", "settings", option, place)
+        assert done.returncode == 2
+        (line,) = done.stderr.splitlines()
+        assert line.startswith(f"bench: {place}: ")
+
+
+def test_what_was_measured_is_kept(monkeypatch: pytest.MonkeyPatch):
+    def group(problem: BaseException | None, *found: Row):
+        def measured(_plan: Plan, _notes: Notes) -> Iterator[Row]:
+            yield from found
+            if problem:
+                raise problem
+
+        return measured
+
+    groups = {
+        "good": group(None, Row("good", "n", "s", [1.0])),
+        "half": group(BenchError("it ended"), Row("half", "n", "s", [1.0])),
+        "none": group(None),
+        "long": group(KeyboardInterrupt(), Row("long", "n", "s", [1.0])),
+    }
+    monkeypatch.setattr(main, "GROUPS", groups)
+
+    def measured(*only: str) -> tuple[int, list[str], list[str]]:
+        rows: list[Row] = []
+        notes = Notes()
+        status = main.measure(only, Plan(Path()), notes, rows)
+        return status, [r.group for r in rows], notes.lines
+
+    assert measured("good") == (0, ["good"], [])
+    assert measured("half", "good") == (
+        *(1, ["half", "good"]),
+        ["half was not measured to the end: it ended"],
+    )
+    assert measured("none", "good") == (1, ["good"], ["none: nothing was measured"])
+    assert measured("good", "long", "half") == (
+        *(130, ["good", "long"]),
+        ["stopped by Ctrl-C while long was measured"],
+    )
 
 
 def test_a_played_cluster_loses_what_things_cost() -> None:
