@@ -377,6 +377,13 @@ void Scene::expect_lights(const std::vector<LightInput>& lights,
   memory_plan_.check();
 }
 
+// From the origin, in the scene's own unit: whole lengths are floats, with room for sums of some.
+static constexpr double kFarthest = 1e37;
+static std::string short_text(double x) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3g", x);
+  return text;
+}
 // A copy's extent may be smaller than the scene's by this; lengths in its frame are squared.
 static constexpr double kMostShrunk = 1e15;
 
@@ -388,8 +395,9 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
   std::vector<ColorRange> color_ranges;
   for (const BuiltGroup& b : built) color_ranges.push_back(b.colors);
   for (const ShapeInput& s : shapes) {
+    double size = 0.0;
     if (s.kind != ShapeKind::instance) {
-      extent = std::max(extent, checks.extent(s));
+      size = checks.extent(s);
     } else {
       if (!own) throw SceneError("shape '" + s.name + "': instances within a group of instances");
       checks.instances(s, color_ranges);
@@ -397,15 +405,17 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
         const Aabb b = transformed(built[s.group].bounds,
                                    between(transform_of(s, i), built[s.group].scale, 1.0));
         for (int k = 0; k < 3; ++k) {
-          extent = std::max({extent, static_cast<double>(std::fabs(b.low[k])),
-                             static_cast<double>(std::fabs(b.high[k]))});
+          size = std::max({size, static_cast<double>(std::fabs(b.low[k])),
+                           static_cast<double>(std::fabs(b.high[k]))});
         }
       }
     }
+    if (!(size <= kFarthest)) {
+      throw SceneError("shape '" + s.name + "': reaches " + short_text(size) +
+                       " from the origin; " + short_text(kFarthest) + " is the most");
+    }
+    extent = std::max(extent, size);
     count += s.count;
-  }
-  if (!std::isfinite(extent) || extent > 1e37) {
-    throw SceneError("instances place shapes too far away: " + std::to_string(extent));
   }
   for (const ShapeInput& s : shapes) checks.sizes(s, extent);
   BuiltGroup group{normalising(extent), {}, {}, checks.colors(shapes), {}};

@@ -466,3 +466,15 @@ def test_lists_whose_sizes_overflow(tmp_path: Path) -> None:
     head += b"property float x\nproperty float y\nproperty float z\nend_header\n"
     body = struct.pack("<4f", 4e18, 1, 2, 3) * 20
     refused(alone("a.ply", head + body), tmp_path, "is cut short: list 'a' of element 'vertex'")
+
+
+def test_a_shape_that_reaches_beyond_what_floats_hold_is_named() -> None:
+    ball = ph.Spheres([[0, 0, 0]], 1.0)
+    far = ph.Spheres([[0, 0, 0], [3e38, 0, 0]], 1.0, name="far")
+    words = r"'far': reaches 3e\+38 from the origin; 1e\+37 is the most"
+    with pytest.raises(ph.SceneError, match=words):
+        ph.prepare(ph.Scene([ball, far]))
+    copies = ph.Instances([ball], np.eye(4)[None], name="far")
+    copies.transforms[0, 0, 3] = -3e38
+    with pytest.raises(ph.SceneError, match=words):
+        ph.prepare(ph.Scene([ball, copies]))

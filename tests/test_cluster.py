@@ -612,10 +612,24 @@ def test_workers_that_end_together_are_nobodys_fault(scene: Any) -> None:
             with contextlib.suppress(OSError, TimeoutError):
                 if len(set(pids(client)) - dead) == 2:
                     return
+        pytest.skip("Dask began its workers not again, which it may where it waits long for them")
 
     with places.opened("local:2", 1) as (client, *_):
         image = during(client, scene, kill, np.linspace(0.1, 0.7, 6).tolist(), **asked)
     same(image, ph.render(scene, **asked))
+
+
+def test_processes_that_do_not_begin_again_are_not_waited_for(
+    scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(places, "_GONE", 2.0)
+    with places.opened("local:1", 1) as opened:
+
+        def end(_: int) -> None:
+            opened.client.cluster.scale(0)
+
+        with pytest.raises(ph.ResourceError, match="local:1: its processes have ended, and none"):
+            during(opened, scene, end, [0.1], **{**SIZE, "spp": 5_000})
 
 
 @contextlib.contextmanager

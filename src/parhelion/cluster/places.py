@@ -5,11 +5,14 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import logging
+import math
 import shutil
 import signal
 import socket
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import partial
 from ipaddress import ip_address
 from pathlib import Path
@@ -30,6 +33,9 @@ _ANSWER = 10
 _REACH = 2.0
 # How often in a row a scheduler is asked for its workers
 _ASKED = 3
+# Seconds after which processes of this machine that have all ended are taken not to begin again, as
+# Dask gives up one that ends while it begins; and between two looks at that.
+_GONE, _LOOK = 60.0, 1.0
 # Before Python 3.11 asyncio's is another
 TIMEOUTS = (TimeoutError, asyncio.TimeoutError, concurrent.futures.TimeoutError)
 
@@ -80,7 +86,8 @@ def opened(cluster: Any, threads: int) -> Iterator[Opened]:
             count = _count(cluster, rest)
             processes = stack.enter_context(_processes(distributed, cluster, count))
             client = stack.enter_context(distributed.Client(processes, direct_to_workers=True))
-            yield Opened(client, threads or max(1, machine.cores_available() // count))
+            each = threads or max(1, machine.cores_available() // count)
+            yield Opened(client, each, partial(_check_processes, client, cluster, _Absence()))
         elif kind == "slurm":
             jobs, refused = _jobs(cluster, rest)
             stack.enter_context(jobs)
@@ -151,6 +158,27 @@ def _processes(distributed: Any, cluster: str, count: int) -> Any:
             f"{cluster}: its processes do not start: {error} A script needs"
             ' `if __name__ == "__main__":` before what it does, as each process reads it'
         ) from error
+
+
+@dataclass
+class _Absence:
+    """Of all workers: since when, and when that was last looked at, as of time.monotonic()."""
+
+    since: float = math.inf
+    looked: float = -math.inf
+
+
+def _check_processes(client: Any, cluster: str, absence: _Absence) -> None:
+    """Raises ResourceError where none is there, nor will be."""
+    now = time.monotonic()
+    if now < absence.looked + _LOOK:
+        return
+    absence.looked = now
+    absence.since = math.inf if workers_of(client) else min(absence.since, now)
+    if now > absence.since + _GONE:
+        raise ResourceError(
+            f"{cluster}: its processes have ended, and none began again for {_GONE:g} s"
+        )
 
 
 def _jobs(cluster: str, name: str) -> tuple[Any, Sequence[Exception]]:

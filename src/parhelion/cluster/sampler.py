@@ -181,6 +181,8 @@ class Workers:
             for place in aside:
                 heapq.heappush(waiting, place)
             came = self._dispatcher.answers()
+            if not self._roster.there:
+                self._place.look()
             for task, answer in came:
                 tile = self._under_way.pop(task)
                 if isinstance(answer, Seen):
