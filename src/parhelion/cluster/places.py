@@ -173,6 +173,8 @@ def _check_processes(client: Any, cluster: str, absence: _Absence) -> None:
     now = time.monotonic()
     if now < absence.looked + _LOOK:
         return
+    if now > absence.looked + 2.0 * _LOOK:  # nobody asked: some were there, or all else waited
+        absence.since = math.inf
     absence.looked = now
     absence.since = math.inf if workers_of(client) else min(absence.since, now)
     if now > absence.since + _GONE:
