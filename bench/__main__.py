@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import traceback
 from collections.abc import Iterable
 from dataclasses import asdict
 from datetime import datetime, timezone
@@ -70,7 +71,9 @@ def parser() -> argparse.ArgumentParser:
         "reference-spp": "samples a pixel of what errors are against",
     }.items():
         default = getattr(d, name.replace("-", "_"))
-        p.add_argument(f"--{name}", type=_count, default=default, help=f"{words}; {default}")
+        p.add_argument(
+            f"--{name}", type=_count, default=default, help=f"{words}; default {default}"
+        )
     p.add_argument(
         "--long",
         action="store_true",
@@ -110,8 +113,9 @@ def main() -> int:
         notes.add(f"the machine was busy at the start: load average {load:.1f}")
     try:
         check_place(path)
-        if folder is not None:
-            make_folder(folder)
+        for one in (plan.cache, folder):
+            if one is not None:
+                make_folder(one)
         if set(only) & SPHERES_NEEDED:
             read_weekend(plan.spheres)
     except (BenchError, ResourceError) as problem:
@@ -119,10 +123,10 @@ def main() -> int:
         return 2
     status = measure(only, plan, notes, rows)
     result = report(plan, notes, rows, date)
+    print(text(result, rows))
     try:
         with replacing(path) as part:
             part.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-        print(text(result, rows))
         print(f"{path} written", file=sys.stderr)
         if folder is not None:
             draw_all(result["rows"], folder)
@@ -143,8 +147,11 @@ def measure(only: Iterable[str], plan: Plan, notes: Notes, rows: list[Row]) -> i
         try:
             for row in GROUPS[name](plan, notes):
                 rows.append(row)
-        except BenchError as problem:
-            notes.add(f"{name} was not measured{' to the end' * (len(rows) > before)}: {problem}")
+        except Exception as problem:
+            if not isinstance(problem, BenchError):  # a mistake of ours
+                traceback.print_exc()
+            said = str(problem) or type(problem).__name__
+            notes.add(f"{name} was not measured{' to the end' * (len(rows) > before)}: {said}")
             status = 1
         except KeyboardInterrupt:
             notes.add(f"stopped by Ctrl-C while {name} was measured")

@@ -42,11 +42,20 @@ def read(path: Path) -> dict[str, Any]:
     sound = isinstance(found, dict) and isinstance(found.get("rows"), list)
     for part, kind in (("machine", dict), ("plan", dict), ("versions", dict), ("notes", list)):
         sound = sound and isinstance(found.get(part), kind)
-    if not sound or not all(
-        isinstance(row, dict) and row.keys() >= FIELDS for row in found["rows"]
-    ):
+    if not sound or not all(map(_is_row, found["rows"])):
         raise BenchFileError(f"{path}: is no file of python -m bench, or of an old one")
     return dict(found)
+
+
+def _is_row(row: Any) -> bool:
+    if not isinstance(row, dict) or not row.keys() >= FIELDS:
+        return False
+    numbers = [row["median"], row["min"], row["max"]]
+    for several in ("runs", "ratios"):
+        if not isinstance(row[several], list):
+            return False
+        numbers += row[several]
+    return all(isinstance(number, (int, float)) for number in numbers)
 
 
 def quantity(row: dict[str, Any]) -> dict[str, Any]:
@@ -67,9 +76,11 @@ def quantity(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def verdict(before: dict[str, Any], after: dict[str, Any]) -> str:
-    """better, worse, same; or unknown, where the runs are too few to say anything of the spread."""
+    """better, worse, same; or unknown, where the runs are too few to say anything of the spread, or
+    what is compared is not the same.
+    """
     a, b = quantity(before), quantity(after)
-    if min(a["count"], b["count"]) < LEAST_RUNS:
+    if min(a["count"], b["count"]) < LEAST_RUNS or a["unit"] != b["unit"]:
         return "unknown"
     apart = a["max"] < b["min"] or b["max"] < a["min"]
     if not apart or abs(b["median"] - a["median"]) <= LEAST_CHANGE * abs(a["median"]):

@@ -36,6 +36,9 @@ from bench.threads import counts  # noqa: E402
 FRAME = {"machine": {}, "plan": {}, "versions": {}, "notes": []}
 
 
+ROW = Row("g", "n", "s", [1.0]).json()
+
+
 def written(rows: list[dict]) -> dict:
     return {**FRAME, "rows": rows}
 
@@ -131,7 +134,8 @@ def peer(*ratios: float, more: bool = False) -> dict:
 
 
 def asked(*ratios: float, **ratio: float) -> dict:
-    return row(*(7.0 * r for r in reversed(ratios)), against="traversal", ratios=ratios, **ratio)
+    """Of seconds that fall as the ratio rises."""
+    return row(*(7.0 / r for r in ratios), against="traversal", ratios=ratios, **ratio)
 
 
 @pytest.mark.parametrize(
@@ -151,6 +155,7 @@ def asked(*ratios: float, **ratio: float) -> dict:
         # where a ratio is asked for, that, however fast the machine was
         (asked(2.0, 2.1, 2.1, most_ratio=1.6), asked(2.3, 2.3, 2.4, most_ratio=1.6), "worse"),
         (asked(1.8, 1.8, 1.8, least_ratio=1.9), asked(1.9, 2.0, 1.9, least_ratio=1.9), "better"),
+        (row(7.0, 7.0, 7.0), asked(2.0, 2.0, 2.0, most_ratio=1.6), "unknown"),
         # twice the time, but to a third of the error
         (row(1.0, 1.1, 1.0, error=0.3), row(2.0, 2.2, 2.0, error=0.1), "better"),
     ],
@@ -518,6 +523,7 @@ def test_charts_are_drawn_of_what_the_files_have(tmp_path: Path, capsys: pytest.
         ('{"rows": []}', "is no file of python -m bench"),
         (json.dumps({**FRAME, "rows": "x"}), "is no file of python -m bench"),
         (json.dumps({**FRAME, "rows": [{"what": 3}]}), "is no file of python -m bench"),
+        (json.dumps(written([{**ROW, "median": "x"}])), "is no file of python -m bench"),
     ],
 )
 def test_what_is_no_file_of_ours_is_named(tmp_path: Path, text: str | None, words: str):
@@ -600,6 +606,7 @@ def test_what_was_measured_is_kept(monkeypatch: pytest.MonkeyPatch):
         "good": group(None, Row("good", "n", "s", [1.0])),
         "half": group(BenchError("it ended"), Row("half", "n", "s", [1.0])),
         "none": group(None),
+        "wrong": group(OSError("no place"), Row("wrong", "n", "s", [1.0])),
         "long": group(KeyboardInterrupt(), Row("long", "n", "s", [1.0])),
     }
     monkeypatch.setattr(main, "GROUPS", groups)
@@ -614,6 +621,10 @@ def test_what_was_measured_is_kept(monkeypatch: pytest.MonkeyPatch):
     assert measured("half", "good") == (
         *(1, ["half", "good"]),
         ["half was not measured to the end: it ended"],
+    )
+    assert measured("wrong", "good") == (
+        *(1, ["wrong", "good"]),
+        ["wrong was not measured to the end: no place"],
     )
     assert measured("none", "good") == (1, ["good"], ["none: nothing was measured"])
     assert measured("good", "long", "half") == (

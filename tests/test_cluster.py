@@ -612,7 +612,7 @@ def test_workers_that_end_together_are_nobodys_fault(scene: Any) -> None:
             with contextlib.suppress(OSError, TimeoutError):
                 if len(set(pids(client)) - dead) == 2:
                     return
-        pytest.skip("Dask began its workers not again, which it may where it waits long for them")
+        pytest.skip("Dask did not begin its workers again within half a minute")
 
     with places.opened("local:2", 1) as (client, *_):
         image = during(client, scene, kill, np.linspace(0.1, 0.7, 6).tolist(), **asked)
@@ -630,6 +630,32 @@ def test_processes_that_do_not_begin_again_are_not_waited_for(
 
         with pytest.raises(ph.ResourceError, match="local:1: its processes have ended, and none"):
             during(opened, scene, end, [0.1], **{**SIZE, "spp": 5_000})
+
+
+def test_time_without_processes_counts_from_when_they_were_last_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    there: dict[str, Any] = {}
+    now = 0.0
+    monkeypatch.setattr(places, "workers_of", lambda _: there)
+    monkeypatch.setattr(places.time, "monotonic", lambda: now)
+    absence = places._Absence()
+
+    def look(until: float) -> None:
+        nonlocal now
+        while now < until:
+            now += 0.5
+            places._check_processes(None, "local:1", absence)
+
+    look(59.0)
+    now = 70.0  # some are there, and nobody looks
+    look(129.0)
+    there["one"] = {}
+    look(300.0)
+    there.clear()
+    look(359.0)
+    with pytest.raises(ph.ResourceError, match="local:1: its processes have ended"):
+        look(362.0)
 
 
 @contextlib.contextmanager

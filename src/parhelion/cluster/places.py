@@ -42,13 +42,14 @@ TIMEOUTS = (TimeoutError, asyncio.TimeoutError, concurrent.futures.TimeoutError)
 
 class Opened(NamedTuple):
     """client: of dask.distributed. threads: that each of its workers is to use, 0 for all of its
-    cores. look: to be called while workers are waited for, and once they are there; raises
-    ResourceError where none can come.
+    cores. look: to be called while the first workers are waited for, and once they are there. gone:
+    to be called while there are none any more. Both raise ResourceError where none can come.
     """
 
     client: Any
     threads: int
     look: Callable[[], None] = lambda: None
+    gone: Callable[[], None] = lambda: None
 
 
 @contextmanager
@@ -87,7 +88,8 @@ def opened(cluster: Any, threads: int) -> Iterator[Opened]:
             processes = stack.enter_context(_processes(distributed, cluster, count))
             client = stack.enter_context(distributed.Client(processes, direct_to_workers=True))
             each = threads or max(1, machine.cores_available() // count)
-            yield Opened(client, each, partial(_check_processes, client, cluster, _Absence()))
+            check = partial(_check_processes, client, cluster, _Absence())
+            yield Opened(client, each, check, check)
         elif kind == "slurm":
             jobs, refused = _jobs(cluster, rest)
             stack.enter_context(jobs)

@@ -182,7 +182,7 @@ class Workers:
                 heapq.heappush(waiting, place)
             came = self._dispatcher.answers()
             if not self._roster.there:
-                self._place.look()
+                self._place.gone()
             for task, answer in came:
                 tile = self._under_way.pop(task)
                 if isinstance(answer, Seen):
