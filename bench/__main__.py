@@ -16,8 +16,9 @@ from parhelion.atomic import replacing
 from parhelion.errors import ResourceError
 from parhelion.image import check_place
 from parhelion.machine import describe, load_average
+from parhelion.study.output import prepare_folder
 
-from .charts import draw_all, make_folder
+from .charts import draw_all
 from .measure import ASKED, GROUPS, PEERS, Notes, Plan
 from .scenes import GALLERY, WEEKEND, BenchError, read_weekend
 from .summary import Row, table
@@ -115,13 +116,13 @@ def main() -> int:
         check_place(path)
         for one in (plan.cache, folder):
             if one is not None:
-                make_folder(one)
+                prepare_folder(one)
         if set(only) & SPHERES_NEEDED:
             read_weekend(plan.spheres)
     except (BenchError, ResourceError) as problem:
         print(f"bench: {problem}", file=sys.stderr)
         return 2
-    status = measure(only, plan, notes, rows)
+    status = measure_groups(only, plan, notes, rows)
     result = report(plan, notes, rows, date)
     print(text(result, rows))
     try:
@@ -136,7 +137,7 @@ def main() -> int:
     return status
 
 
-def measure(only: Iterable[str], plan: Plan, notes: Notes, rows: list[Row]) -> int:
+def measure_groups(only: Iterable[str], plan: Plan, notes: Notes, rows: list[Row]) -> int:
     """Adds the rows of the groups `only`, as they are found: what was measured is not lost by what
     is not, nor by Ctrl-C. Returns the exit code: 0; 1 if a group failed or found nothing; 130.
     """

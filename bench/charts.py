@@ -24,6 +24,7 @@ import numpy as np
 
 from parhelion.atomic import replacing
 from parhelion.errors import ResourceError
+from parhelion.study.output import prepare_folder
 
 from .compare import BenchFileError, read
 from .measure import ALONE, OURS, PEERS
@@ -233,20 +234,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = p.parse_args(arguments)
     try:
         rows = [row for path in args.results for row in read(path)["rows"]]
-        make_folder(args.output)
+        prepare_folder(args.output)
         written = draw_all(rows, args.output)
     except (BenchFileError, ResourceError) as problem:
         print(f"charts: {problem}", file=sys.stderr)
         return 2
     return 0 if written else 2
-
-
-def make_folder(folder: Path) -> None:
-    """Raises ResourceError."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise ResourceError(f"{folder}: cannot be made a folder: {problem.strerror}") from None
 
 
 def draw_all(rows: Rows, folder: Path) -> list[Path]:

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any
 
 OURS = "parhelion"
-FIELDS = frozenset(("group", "name", "unit", "runs", "median", "min", "max", "more"))
-FIELDS |= {"against", "ratios", "least_ratio", "most_ratio"}
+# What is looked at of a row
+FIELDS = {"group", "name", "unit", "runs", "median", "min", "max", "more", "against", "ratios"}
+FIELDS |= {"least_ratio", "most_ratio"}
 LEAST_CHANGE = 0.01
 LEAST_RUNS = 3
 

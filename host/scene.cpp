@@ -377,13 +377,9 @@ void Scene::expect_lights(const std::vector<LightInput>& lights,
   memory_plan_.check();
 }
 
-// From the origin, in the scene's own unit: whole lengths are floats, with room for sums of some.
+// How far from the origin a shape may reach, in the scene's unit: coordinates are floats, which end
+// at 3.4e38, and their sums must be some, too.
 static constexpr double kFarthest = 1e37;
-static std::string short_text(double x) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", x);
-  return text;
-}
 // A copy's extent may be smaller than the scene's by this; lengths in its frame are squared.
 static constexpr double kMostShrunk = 1e15;
 
@@ -411,8 +407,9 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
       }
     }
     if (!(size <= kFarthest)) {
-      throw SceneError("shape '" + s.name + "': reaches " + short_text(size) +
-                       " from the origin; " + short_text(kFarthest) + " is the most");
+      char reach[64];
+      std::snprintf(reach, sizeof reach, "%.3g from the origin; %g is the most", size, kFarthest);
+      throw SceneError("shape '" + s.name + "': reaches " + reach);
     }
     extent = std::max(extent, size);
     count += s.count;

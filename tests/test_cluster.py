@@ -620,16 +620,19 @@ def test_workers_that_end_together_are_nobodys_fault(scene: Any) -> None:
 
 
 def test_processes_that_do_not_begin_again_are_not_waited_for(
-    scene: Any, monkeypatch: pytest.MonkeyPatch
+    scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(places, "_GONE", 2.0)
+    asked = {**SIZE, "spp": 5_000, "checkpoint": tmp_path / "kept"}
     with places.opened("local:1", 1) as opened:
 
         def end(_: int) -> None:
             opened.client.cluster.scale(0)
 
         with pytest.raises(ph.ResourceError, match="local:1: its processes have ended, and none"):
-            during(opened, scene, end, [0.1], **{**SIZE, "spp": 5_000})
+            during(opened, scene, end, [0.1], **asked)
+    gone_on = ph.render(scene, time_limit=0.1, resume=True, **asked)
+    assert gone_on.counts.sum() > 0.1 * 5_000 * gone_on.counts.size
 
 
 def test_time_without_processes_counts_from_when_they_were_last_there(
