@@ -61,9 +61,9 @@ struct BsdfDraws {
 
 // What is left of a number that chose a lobe, below 1: it goes to the direction, so those of either
 // lobe are as even as all of them.
-PH_INLINE float left_of_first(float chance, float u) { return min(u / chance, 0x1.fffffep-1f); }
+PH_INLINE float left_of_first(float chance, float u) { return min(u / chance, kBelowOne); }
 PH_INLINE float left_of_other(float chance, float other, float u) {
-  return min((u - chance) / other, 0x1.fffffep-1f);
+  return min((u - chance) / other, kBelowOne);
 }
 // Whether the first of two lobes scatters, with such chances of either, whose sum is 1.
 PH_INLINE bool first_lobe(float chance, float other, Vec2& u) {

@@ -60,7 +60,7 @@ PH_INLINE u32 pick_share(const u32* starts, const u16* guide, u32 count, float u
     left -= half;
   }
   const u32 size = share_end(starts, count, low) - starts[low];
-  rest = min(static_cast<float>(place - starts[low]) / static_cast<float>(size), 0x1.fffffep-1f);
+  rest = min(static_cast<float>(place - starts[low]) / static_cast<float>(size), kBelowOne);
   return low;
 }
 
@@ -107,7 +107,7 @@ PH_INLINE float cell_probability(const Distribution& d, u32 x, u32 y) {
 // A number in [0, 1) whose density goes linearly from a to b, not negative, up to a factor.
 PH_INLINE float sample_linear(float a, float b, float u) {
   const float root = sqrt(a * a + (b * b - a * a) * u);  // of the quadratic's discriminant
-  return a + b > 0.0f ? min(u * (a + b) / (a + root), 0x1.fffffep-1f) : u;
+  return a + b > 0.0f ? min(u * (a + b) / (a + root), kBelowOne) : u;
 }
 PH_INLINE float linear_pdf(float a, float b, float x) {
   return a + b > 0.0f ? 2.0f * (a + (b - a) * x) / (a + b) : 1.0f;

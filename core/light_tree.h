@@ -195,7 +195,7 @@ PH_INLINE double light_number(float point, float lower) {
 }
 
 // What is left of a number in [0, 1) that has made its choices.
-PH_INLINE float unused(double rest) { return min(static_cast<float>(rest), 0x1.fffffep-1f); }
+PH_INLINE float unused(double rest) { return min(static_cast<float>(rest), kBelowOne); }
 
 // Chooses a light by a number of 48 bits: among a million lights a choice uses 20, and what is left
 // of 24 could no longer tell neighbours' probabilities apart, let alone be used again.

@@ -23,6 +23,7 @@ using i64 = long long;
 static_assert(sizeof(u16) == 2 && sizeof(u32) == 4 && sizeof(u64) == 8 && sizeof(float) == 4);
 
 inline constexpr float kInfinity = __builtin_bit_cast(float, 0x7f800000u);
+inline constexpr float kBelowOne = 0x1.fffffep-1f;  // the largest float there
 inline constexpr float kPi = 3.14159265358979324f;
 inline constexpr u32 kNone = ~0u;
 

@@ -54,7 +54,7 @@ class TreeBuilder {
 
   // Makes the tree, apart from what write() writes. Returns the first primitive without a box, or
   // the count; with one, there is no tree. expect: told, before it is taken, how much memory parts
-  // that are divided take beside what plan_bytes() says of the whole.
+  // that are divided take beside what expected_bytes() says of the whole.
   template <class Expect>
   size_t plan(const Expect& expect) {
     order_ = Array<u32>(count_);
@@ -107,10 +107,11 @@ class TreeBuilder {
     return lost;
   }
 
-  // Bytes of a plan, until it is written: of so many primitives at first, and of this one.
-  static u64 plan_bytes(u64 count) {
+  // Bytes of a plan until it is written: of so many primitives, before it is made.
+  static u64 expected_bytes(u64 count) {
     return count * sizeof(u32) + count / kLeafSize * (sizeof(Leaf) + sizeof(Node) / kLeafSize);
   }
+  // And of this one.
   u64 plan_bytes() const {
     u64 bytes = order_.bytes() + top_.capacity() * sizeof(Node);
     for (const Job& job : jobs_) {

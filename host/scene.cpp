@@ -346,7 +346,7 @@ void Scene::expect_input(const SceneInput& input) {
   memory_plan_.expect(MemoryPlan::instances, instances * sizeof(Instance), 0);
   instances_.reserve(instances);
   memory_plan_.expect(MemoryPlan::tree, blocks + primitives / 256 * sizeof(Node),
-                      TreeBuilder<Leaves>::plan_bytes(primitives) + instances * sizeof(Aabb));
+                      TreeBuilder<Leaves>::expected_bytes(primitives) + instances * sizeof(Aabb));
   memory_plan_.check();
 }
 
@@ -476,7 +476,7 @@ void Scene::add_group(const GroupInput& shapes, std::vector<BuiltGroup>& built, 
   }
   group.emitters.assign(emitters, kNoSlot);
   group.tree = std::make_unique<PlannedTree>(std::move(leaves), count);
-  u64 planned = TreeBuilder<Leaves>::plan_bytes(count);
+  u64 planned = TreeBuilder<Leaves>::expected_bytes(count);
   for (const BuiltGroup& b : built) planned += b.tree->bytes();
   const size_t lost = group.tree->builder.plan([&](u64 copied) {
     planning_ = std::max(planning_, planned + copied);
