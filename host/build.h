@@ -29,10 +29,10 @@
 #include "array.h"
 #include "bins.h"
 #include "boxes.h"
-#include "forks.h"
 #include "grid.h"
 #include "memory.h"
 #include "sah.h"
+#include "shared_forks.h"
 #include "threads.h"
 
 namespace parhelion {
@@ -244,7 +244,6 @@ class TreeBuilder {
     const Part part;
     Ref* const spare;
     SharedForks forks;
-    const Fork* top = nullptr;
   };
 
   const size_t count_;
@@ -391,7 +390,7 @@ class TreeBuilder {
       for (size_t turn = 0; turn < uneven + turns.size(); ++turn) {
         if (turn < uneven) {
           Uneven& u = uneven_[turn];
-          u.top = u.forks.fork(u.part, u.spare, upkeep_of(u.part), 0);
+          u.forks.begin(u.part, u.spare, upkeep_of(u.part));
         } else {
           guard.run([&] { make(jobs_[turns[turn - uneven]], refs, spare); });
         }
@@ -399,12 +398,9 @@ class TreeBuilder {
     }
     guard.check();
     if (uneven == 0) return;
-    const std::deque<Uneven> forked = std::exchange(uneven_, {});
+    std::deque<Uneven> forked = std::exchange(uneven_, {});
     const size_t next = jobs_.size();
-    for (const Uneven& u : forked) {
-      u.forks.check();
-      add_forked(*u.top, u, u);
-    }
+    for (Uneven& u : forked) add_forked(u.forks.finish(), u, u);
     make_jobs(next);
   }
 

@@ -4,15 +4,11 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <deque>
-#include <mutex>
 #include <vector>
 
 #include "array.h"
 #include "bins.h"
-#include "memory.h"
 #include "sah.h"
-#include "tasks.h"
 
 namespace parhelion::tree {
 
@@ -45,7 +41,7 @@ inline Upkeep upkeep_of(const Part& part) {
 // that it is given, the left half takes first[i], 0 if it is better a child itself.
 struct Fork {
   Part part;
-  const Fork *left, *right;
+  Fork *left, *right;
   float cost[15];
   std::uint8_t first[16];
 };
@@ -106,7 +102,7 @@ inline void weigh(Fork& f, Upkeep upkeep) {
 
 // The forks of a part. What fits into a leaf may be two where the node above has room, as when
 // something large lies beside what is small.
-inline const Fork& fork(const Part& part, Upkeep upkeep, int levels, ForkRoom& room) {
+inline Fork& fork(const Part& part, Upkeep upkeep, int levels, ForkRoom& room) {
   Fork& f = room.add(part, upkeep);
   const bool small = part.size <= kLeafSize;
   // A second leaf costs its upkeep at least, so two are no better where the part's own surface is
@@ -146,46 +142,5 @@ inline int children_of(const Fork& node, const Fork* (&child)[16]) {
   visit(visit, node, 16);
   return count;
 }
-
-// The forks of a large part, made by all threads of a parallel region that have nothing else to do.
-class SharedForks {
- public:
-  // spare: room for as many primitives as the part has. Null if there was no memory.
-  const Fork* fork(const Part& part, Ref* spare, Upkeep upkeep, int levels) {
-    const Fork* made = nullptr;
-    guard_.run([&] {
-      if (part.size <= kForksATask) {
-        made = &tree::fork(part, upkeep, levels, add_room(part.size));
-        return;
-      }
-      Fork& f = add_room(0).add(part, upkeep);
-      Part left, right;
-      Ref* rest = spare;
-      if (part.size > kSplitByTasks && levels < kMostForks &&
-          split_by_tasks(part, spare, left, right)) {
-        rest = part.refs;
-      } else {
-        halve(part, levels, left, right);
-      }
-      do_both([&] { f.right = fork(right, rest + left.size, upkeep, levels + 1); },
-              [&] { f.left = fork(left, rest, upkeep, levels + 1); });
-      if (!f.left || !f.right) return;
-      weigh(f, upkeep);
-      made = &f;
-    });
-    return made;
-  }
-  void check() const { guard_.check(); }
-
- private:
-  ForkRoom& add_room(size_t primitives) {
-    const std::lock_guard lock(mutex_);
-    return rooms_.emplace_back(primitives);
-  }
-
-  MemoryGuard guard_;
-  std::mutex mutex_;
-  std::deque<ForkRoom> rooms_;
-};
 
 }  // namespace parhelion::tree

@@ -9,13 +9,11 @@
 
 namespace parhelion {
 
-// Both done when it returns, the first by any thread.
-template <class F, class G>
-PH_MAKES_TASKS void do_both(const F& first, const G& second) {
-#pragma omp task shared(first)
-  first();
-  second();
-#pragma omp taskwait
+// By any thread, before the next barrier is passed.
+template <class F>
+PH_MAKES_TASKS void do_later(F f) {
+#pragma omp task firstprivate(f)
+  f();
 }
 
 // f(0) to f(n - 1), a task each, done when it returns.

@@ -1,0 +1,71 @@
+// The forks of a large part, made by all threads of a parallel region.
+#pragma once
+#include <deque>
+#include <mutex>
+
+#include "forks.h"
+#include "memory.h"
+#include "tasks.h"
+
+namespace parhelion::tree {
+
+class SharedForks {
+ public:
+  // Threads that have nothing else to do help; all are there at the region's next barrier. spare:
+  // room for as many primitives as the part has.
+  void begin(const Part& part, Ref* spare, Upkeep upkeep) {
+    upkeep_ = upkeep;
+    grow(part, spare, 0, &top_);
+  }
+  // After that barrier. Throws if there was no memory.
+  const Fork& finish() {
+    guard_.check();
+    weigh_down_to_tasks(*top_);
+    return *top_;
+  }
+
+ private:
+  // A thread goes on with left halves. It waits for nobody: while it did, it could take no more
+  // than the tasks that it had made itself.
+  void grow(Part part, Ref* spare, int levels, Fork** place) {
+    guard_.run([&] {
+      for (; part.size > kForksATask; ++levels) {
+        Fork& f = add_room(0).add(part, upkeep_);
+        *place = &f;
+        Part left, right;
+        Ref* rest = spare;
+        if (part.size > kSplitByTasks && levels < kMostForks &&
+            split_by_tasks(part, spare, left, right)) {
+          rest = part.refs;
+        } else {
+          halve(part, levels, left, right);
+        }
+        do_later([this, &f, right, room = rest + left.size, levels] {
+          grow(right, room, levels + 1, &f.right);
+        });
+        part = left, spare = rest, place = &f.left;
+      }
+      *place = &fork(part, upkeep_, levels, add_room(part.size));
+    });
+  }
+
+  void weigh_down_to_tasks(Fork& f) {
+    if (f.part.size <= kForksATask) return;
+    weigh_down_to_tasks(*f.left);
+    weigh_down_to_tasks(*f.right);
+    weigh(f, upkeep_);
+  }
+
+  ForkRoom& add_room(size_t primitives) {
+    const std::lock_guard lock(mutex_);
+    return rooms_.emplace_back(primitives);
+  }
+
+  Upkeep upkeep_{};
+  Fork* top_ = nullptr;
+  MemoryGuard guard_;
+  std::mutex mutex_;
+  std::deque<ForkRoom> rooms_;
+};
+
+}  // namespace parhelion::tree
