@@ -31,6 +31,7 @@
 #include "boxes.h"
 #include "grid.h"
 #include "memory.h"
+#include "order.h"
 #include "sah.h"
 #include "shared_forks.h"
 #include "threads.h"
@@ -91,7 +92,7 @@ class TreeBuilder {
     if (lost < count_) return lost;
     bounds_ = box.box();
     if (few) {
-      divide_few(centers);
+      divide_few({refs_.data(), count_, box, centers});
       expect(count_ * kCopied + in_turn() * kForked);
       make_jobs(0);
       refs_ = {}, spare_ = {};
@@ -157,7 +158,8 @@ class TreeBuilder {
         top_[job.node].child[job.lane] = c;
       }
     }
-    for (size_t i = 0; i < top_.size(); ++i) nodes[i] = by_surface(top_[i]);
+    put_top_in_order(node_base);
+    std::copy(top_.begin(), top_.end(), nodes);
     const std::vector<size_t> turns = largest_first(0);
 #pragma omp parallel for schedule(dynamic, 1) if (turns.size() > 1)
     for (size_t turn = 0; turn < turns.size(); ++turn) {
@@ -165,10 +167,10 @@ class TreeBuilder {
       const Local& made = jobs_[i].made;
       Node* to = nodes + (first_node[i] - node_base);
       for (const Node& n : made.nodes) {
-        Node& there = *to++ = by_surface(n);
+        Node& there = *to++ = n;
         for (int lane = 0; lane < 16; ++lane) {
-          if (there.low[0][lane] <= there.high[0][lane]) {
-            there.child[lane] = moved(there.child[lane], first_node[i], first_block[i]);
+          if (is_there(n, lane)) {
+            there.child[lane] = moved(n.child[lane], first_node[i], first_block[i]);
           }
         }
       }
@@ -216,6 +218,8 @@ class TreeBuilder {
     KindCounts blocks{};
     Child root = 0;
     u32* next = nullptr;
+    std::array<std::vector<Expected>, 8> of_block;  // by kind, until the nodes are in order
+    Expected expected{};
   };
   // What lies below a lane of a node: primitives [first, first + size) of those that are divided.
   struct Open {
@@ -235,12 +239,6 @@ class TreeBuilder {
   // A large part that no grid divides.
   struct Uneven : Open {
     Uneven(const Job& job, const Part& measured) : Open(job), part(measured), spare(job.spare) {}
-    // Which of the primitives come first in a part of these.
-    size_t first_of(const Part& p) const {
-      const std::less<> before;
-      const bool moved = before(p.refs, part.refs) || !before(p.refs, part.refs + part.size);
-      return this->first + static_cast<size_t>(p.refs - (moved ? spare : part.refs));
-    }
     const Part part;
     Ref* const spare;
     SharedForks forks;
@@ -276,14 +274,19 @@ class TreeBuilder {
     return std::min(primitives, filled) * sizeof(Bin) + primitives * sizeof(std::uint16_t);
   }
 
-  // Gives each thread some parts. Boxes of so few are kept from the first time they are made.
-  void divide_few(const Extent& centers) {
+  // Gives each thread some parts, or all of them one that is uneven. Boxes of so few are kept from
+  // the first time they are made.
+  void divide_few(const Part& whole) {
     if (count_ == 0) return;
     const Job all = {{0, count_, 0, kNoNode, 0}, refs_.data(), spare_.data()};
     std::vector<Open> below;
-    if (count_ <= kJobSize ||
-        !divide<true>(all.refs, all.spare, count_, centers, 0, kJobSize, false, top_, below)) {
+    if (count_ <= kJobSize || whole.is_point()) {
       jobs_.push_back(all);
+      return;
+    }
+    if (!divide<true>(all.refs, all.spare, count_, whole.centers, 0, kJobSize, kCrowdOfAll, top_,
+                      below)) {
+      uneven_.emplace_back(all, whole);
       return;
     }
     for (const Open& part : below) add(within(all, part));
@@ -309,8 +312,8 @@ class TreeBuilder {
     measured.refs = part.refs;
     const size_t node = top_.size();
     std::vector<Open> below;
-    if (divide<true>(part.refs, part.spare, part.size, measured.centers, part.depth, 0, true, top_,
-                     below)) {
+    if (divide<true>(part.refs, part.spare, part.size, measured.centers, part.depth, 0, kCrowd,
+                     top_, below)) {
       link(part, node);
       for (const Open& o : below) add(within(part, o));
     } else if (measured.is_point()) {
@@ -400,17 +403,14 @@ class TreeBuilder {
     if (uneven == 0) return;
     std::deque<Uneven> forked = std::exchange(uneven_, {});
     const size_t next = jobs_.size();
-    for (Uneven& u : forked) add_forked(u.forks.finish(), u, u);
+    for (Uneven& u : forked) add_forked(u.forks.finish(), u);
     make_jobs(next);
   }
 
-  // Nodes over forks of `whole`, down to what is a job for one thread.
-  void add_forked(const Fork& top, const Open& place, const Uneven& whole) {
+  // Nodes over forks, down to what is a job for one thread.
+  void add_forked(const Fork& top, const Open& place) {
     if (top.part.size <= kForksATask || place.depth > kMaxTreeDepth / 2) {
-      Job job = {place, nullptr, nullptr, &top};
-      job.first = whole.first_of(top.part);
-      job.size = top.part.size;
-      jobs_.push_back(job);
+      jobs_.push_back({place, nullptr, nullptr, &top});
       return;
     }
     const Fork* child[16];
@@ -418,9 +418,12 @@ class TreeBuilder {
     const size_t index = top_.size();
     link(place, index);
     top_.push_back(empty_node());
+    size_t first = place.first;
     for (int i = 0; i < count; ++i) {
-      set_box(top_[index], i, child[i]->part.box);
-      add_forked(*child[i], {0, 0, place.depth + 1, index, i}, whole);
+      const Part& part = child[i]->part;
+      set_box(top_[index], i, part.box);
+      add_forked(*child[i], {first, part.size, place.depth + 1, index, i});
+      first += part.size;
     }
   }
 
@@ -440,10 +443,40 @@ class TreeBuilder {
       for (size_t k = 0; k < job.size; ++k) refs[k] = fetched(job, k);
       job.made.root = subtree(refs.data(), spare.data(), job.size, job.depth, job.made);
     }
+    put_in_order(job.made);
     job.refs = job.spare = nullptr;  // which will not be there for long
     job.forks = nullptr;
     job.made.nodes.shrink_to_fit();
     job.made.leaves.shrink_to_fit();
+  }
+
+  static void put_in_order(Local& made) {
+    const auto of_leaf = [&](Child c) {
+      const ShapeKind kind = leaf_kind(c);
+      if (kind == ShapeKind::instance) return kOfInstance;
+      return made.of_block[static_cast<u32>(kind)][c & kLeafIndexMask];
+    };
+    made.expected = made.nodes.empty()
+                        ? of_leaf(made.root)
+                        : put_all_in_order(made.nodes, [&](size_t i, int lane, const auto& below) {
+                            const Child c = made.nodes[i].child[lane];
+                            return c & kLeafBit ? of_leaf(c) : below[c];
+                          });
+    made.of_block = {};
+  }
+
+  // The uppermost nodes, whose children are where the scene has them.
+  void put_top_in_order(u32 node_base) {
+    if (top_.empty()) return;
+    std::vector<std::array<Expected, 16>> of_job(top_.size());
+    for (const Job& job : jobs_) {
+      if (job.node != kNoNode) of_job[job.node][job.lane] = job.made.expected;
+    }
+    put_all_in_order(top_, [&](size_t i, int lane, const auto& below) {
+      const Child c = top_[i].child[lane];
+      const bool top = (c & kLeafBit) == 0 && c - node_base < top_.size();
+      return top ? below[c - node_base] : of_job[i][lane];
+    });
   }
 
   // So that no thread waits in the end for another's large part.
@@ -474,7 +507,7 @@ class TreeBuilder {
     Array<u32> sorted(part.size);
     std::vector<Open> below;
     const size_t node = top_.size();
-    if (!divide<true>(ids, sorted.data(), part.size, centers, part.depth, kJobSize, false, top_,
+    if (!divide<true>(ids, sorted.data(), part.size, centers, part.depth, kJobSize, 0, top_,
                       below)) {
       return false;
     }
@@ -501,21 +534,22 @@ class TreeBuilder {
 
   // The nodes over `items`, which go to `sorted` by what is below: primitives or numbers of these.
   // The first node is the uppermost. A part of no more than `enough` is not divided. False, where
-  // all centres are one, where they must be `even` and are not, or the tree is so deep that its
-  // depth must be bounded. threads: all of them, or one.
+  // all centres are one, where most lie in cells that have `crowd` times the usual number, unless
+  // that is 0, or the tree is so deep that its depth must be bounded. threads: all of them, or one.
   template <bool threads, class Item>
   bool divide(const Item* items, Item* sorted, size_t n, const Extent& centers, int depth,
-              size_t enough, bool even, std::vector<Node>& nodes, std::vector<Open>& below) const {
+              size_t enough, size_t crowd, std::vector<Node>& nodes,
+              std::vector<Open>& below) const {
     if (depth > kMaxTreeDepth / 2) return false;
     const Grid grid(centers, n);
     const size_t cells = grid.count();
     if (cells < 2) return false;
-    if (even) {
+    if (crowd > 0) {
       // Most parts that are not can be told by a few, before all are sorted into cells.
       std::vector<u32> some(cells);
       for (size_t i = 0; i < n; i += kSampled) ++some[grid.cell_of(ref_of(items[i]))];
       const auto count = [](u32 of_cell) { return of_cell; };
-      if (crowded(some, (n - 1) / kSampled + 1, kCrowdOfSample, count)) return false;
+      if (crowded(some, (n - 1) / kSampled + 1, 2 * crowd, count)) return false;
     }
     // A chunk has as many primitives as there are cells, or more: to clear and sum its bins takes
     // as long as to fill them. So of 262,144 primitives and fewer there are some eight.
@@ -552,7 +586,7 @@ class TreeBuilder {
       total = &merged;
     }
 
-    if (even && crowded(*total, n, kCrowd, [](const Bin& b) { return b.count; })) return false;
+    if (crowd > 0 && crowded(*total, n, crowd, [](const Bin& b) { return b.count; })) return false;
     Cells all{{0, 0, 0}, {grid.size[0], grid.size[1], grid.size[2]}, {}, false};
     for (const Bin& b : *total) all.sum.grow(b);
     std::vector<std::uint16_t> part_of(cells);
@@ -622,36 +656,13 @@ class TreeBuilder {
     for (int k = 0; k < 3; ++k) n.low[k][lane] = b.low[k], n.high[k][lane] = b.high[k];
   }
 
-  // The same node, its largest child last, where a ray that asks for any hit looks first: what is
-  // large hides most. Method: J.-H. Nah and D. Manocha, "SATO: Surface Area Traversal Order for
-  // Shadow Ray Tracing", Computer Graphics Forum 33(6), 2014.
-  static Node by_surface(const Node& n) {
-    std::pair<float, int> order[16];
-    for (int lane = 0; lane < 16; ++lane) {
-      float side[3];
-      for (int k = 0; k < 3; ++k) side[k] = std::max(n.high[k][lane] - n.low[k][lane], 0.0f);
-      order[lane] = {side[0] * side[1] + side[1] * side[2] + side[2] * side[0], lane};
-    }
-    std::sort(order, order + 16);
-    Node sorted;
-    for (int lane = 0; lane < 16; ++lane) {
-      const int from = order[lane].second;
-      for (int k = 0; k < 3; ++k) {
-        sorted.low[k][lane] = n.low[k][from];
-        sorted.high[k][lane] = n.high[k][from];
-      }
-      sorted.child[lane] = n.child[from];
-    }
-    return sorted;
-  }
-
   // One job: the whole tree over n refs. spare: room for as many.
   Child subtree(Ref* refs, Ref* spare, size_t n, int depth, Local& out) const {
     const Part part = measure(refs, n);
     if (n > kGridSize) {
       const size_t index = out.nodes.size();
       std::vector<Open> below;
-      if (divide<false>(refs, spare, n, part.centers, depth, 0, true, out.nodes, below)) {
+      if (divide<false>(refs, spare, n, part.centers, depth, 0, kCrowd, out.nodes, below)) {
         for (const Open& o : below) {
           const Child c = subtree(spare + o.first, refs + o.first, o.size, o.depth, out);
           out.nodes[o.node].child[o.lane] = c;
@@ -666,7 +677,10 @@ class TreeBuilder {
     if (part.size <= kLeafSize) return leaf(part, out);
     if (depth > kMaxTreeDepth / 2 || part.is_point()) return even_tree(part, depth, out);
     ForkRoom room(part.size);
-    return join(fork(part, upkeep_of(part), 0, room), depth, out);
+    const Upkeep upkeep = upkeep_of(part);
+    Fork& top = fork(part, upkeep, 0, room);
+    if (part.size > kGridSize) Reinsertion::run(top, upkeep, 1);
+    return join(top, depth, out);
   }
 
   // Of what no cut divides, or what lies too deep: into parts of as many primitives each.
@@ -692,10 +706,24 @@ class TreeBuilder {
     return static_cast<Child>(index);
   }
 
+  static void gather(const Fork& f, std::vector<Ref>& refs) {
+    if (f.part.refs) {
+      refs.insert(refs.end(), f.part.refs, f.part.refs + f.part.size);
+    } else {
+      gather(*f.left, refs);
+      gather(*f.right, refs);
+    }
+  }
+
   // Writes what the costs say.
   Child join(const Fork& top, int depth, Local& out) const {
-    if (depth > kMaxTreeDepth / 2) return even_tree(top.part, depth, out);
-    if (top.part.size <= kLeafSize) return leaf(top.part, out);
+    if (depth > kMaxTreeDepth / 2 || top.part.size <= kLeafSize) {
+      if (top.part.refs) return even_tree(top.part, depth, out);
+      std::vector<Ref> refs;
+      refs.reserve(top.part.size);
+      gather(top, refs);
+      return even_tree(measure(refs.data(), refs.size()), depth, out);
+    }
     const Fork* child[16];
     const int count = children_of(top, child);
     const size_t index = out.nodes.size();
@@ -728,6 +756,7 @@ class TreeBuilder {
       out.leaves.push_back({kind, static_cast<u32>(to - from)});
       for (const Ref* r = from; r != to; ++r) *out.next++ = r->id;
       if (kind == ShapeKind::instance) return leaves_.instance_leaf(*from);
+      out.of_block[static_cast<u32>(kind)].push_back(expected_of(from, to));
       return make_leaf(kind, out.blocks[static_cast<u32>(kind)]++);
     };
     if (end_of(p.refs) == end) return append(p.refs, end);

@@ -40,10 +40,22 @@ inline Upkeep upkeep_of(const Part& part) {
 // nodes of sixteen over it cost: cost[i] as up to i + 1 children of a node above. Of the children
 // that it is given, the left half takes first[i], 0 if it is better a child itself.
 struct Fork {
-  Part part;
-  Fork *left, *right;
+  Part part;  // without refs where its primitives are not in one place
+  Fork *left, *right, *parent;
   float cost[15];
   std::uint8_t first[16];
+
+  // Stands in cost[0] until it is known.
+  static constexpr float kUnknown = -1.0f;
+
+  void cost_as_leaf(Upkeep upkeep) {
+    std::fill(cost, cost + 15, part.box.half_area() + upkeep.leaf);
+    std::fill(first, first + 16, std::uint8_t{0});
+  }
+  void join(Fork* a, Fork* b) {
+    left = a, right = b;
+    a->parent = b->parent = this;
+  }
 };
 
 // Where forks are kept, and stay while others are made.
@@ -57,8 +69,8 @@ class ForkRoom {
       next_ = blocks_.back().begin();
       end_ = blocks_.back().end();
     }
-    *next_ = {part, nullptr, nullptr, {}, {}};
-    std::fill(next_->cost, next_->cost + 15, part.box.half_area() + upkeep.leaf);
+    *next_ = {part, nullptr, nullptr, nullptr, {}, {}};
+    next_->cost_as_leaf(upkeep);
     return *next_++;
   }
 
@@ -117,11 +129,11 @@ inline Fork& fork(const Part& part, Upkeep upkeep, int levels, ForkRoom& room) {
   if (small) {
     const float two = left.box.half_area() + right.box.half_area();
     if (!(two + upkeep.leaf < part.box.half_area())) return f;
-    f.left = &room.add(left, upkeep);
-    f.right = &room.add(right, upkeep);
+    Fork& first = room.add(left, upkeep);
+    f.join(&first, &room.add(right, upkeep));
   } else {
-    f.left = &fork(left, upkeep, levels + 1, room);
-    f.right = &fork(right, upkeep, levels + 1, room);
+    Fork& first = fork(left, upkeep, levels + 1, room);
+    f.join(&first, &fork(right, upkeep, levels + 1, room));
   }
   weigh(f, upkeep);
   return f;

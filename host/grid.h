@@ -13,10 +13,11 @@ namespace parhelion::tree {
 // Grids have a cell for so many primitives on average, and at most kMostCells. A node is made of no
 // fewer than kCellsANode cells.
 inline constexpr size_t kPerCell = 8, kMostCells = 32768, kCellsANode = 512;
-// A cell of so many times the usual number of primitives is crowded. One of so many primitives is
-// looked at to find most parts that have too many such cells; where so few lie in a cell that
-// chance makes some crowded, it takes twice as many.
-inline constexpr size_t kCrowd = 4, kSampled = 16, kCrowdOfSample = 2 * kCrowd;
+// A cell of so many times the usual number of primitives is crowded; of the grid over all, in which
+// a surface alone leaves most cells empty, it takes more. One of kSampled primitives is looked at
+// to find most parts that have too many such cells; where so few lie in a cell that chance makes
+// some crowded, it takes twice as many.
+inline constexpr size_t kCrowd = 4, kCrowdOfAll = 8, kSampled = 16;
 
 // Cells about as long as wide, over the centres of n primitives.
 struct Grid {

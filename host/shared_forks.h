@@ -3,8 +3,8 @@
 #include <deque>
 #include <mutex>
 
-#include "forks.h"
 #include "memory.h"
+#include "reinsert.h"
 #include "tasks.h"
 
 namespace parhelion::tree {
@@ -15,22 +15,24 @@ class SharedForks {
   // room for as many primitives as the part has.
   void begin(const Part& part, Ref* spare, Upkeep upkeep) {
     upkeep_ = upkeep;
-    grow(part, spare, 0, &top_);
+    grow(part, spare, 0, nullptr, &top_);
   }
   // After that barrier. Throws if there was no memory.
   const Fork& finish() {
     guard_.check();
-    weigh_down_to_tasks(*top_);
+    Reinsertion::run(*top_, upkeep_, 2);
     return *top_;
   }
 
  private:
   // A thread goes on with left halves. It waits for nobody: while it did, it could take no more
   // than the tasks that it had made itself.
-  void grow(Part part, Ref* spare, int levels, Fork** place) {
+  void grow(Part part, Ref* spare, int levels, Fork* parent, Fork** place) {
     guard_.run([&] {
       for (; part.size > kForksATask; ++levels) {
         Fork& f = add_room(0).add(part, upkeep_);
+        f.cost[0] = Fork::kUnknown;
+        f.parent = parent;
         *place = &f;
         Part left, right;
         Ref* rest = spare;
@@ -41,19 +43,15 @@ class SharedForks {
           halve(part, levels, left, right);
         }
         do_later([this, &f, right, room = rest + left.size, levels] {
-          grow(right, room, levels + 1, &f.right);
+          grow(right, room, levels + 1, &f, &f.right);
         });
-        part = left, spare = rest, place = &f.left;
+        part = left, spare = rest, parent = &f, place = &f.left;
       }
-      *place = &fork(part, upkeep_, levels, add_room(part.size));
+      Fork& f = fork(part, upkeep_, levels, add_room(part.size));
+      Reinsertion::run(f, upkeep_, 1);
+      f.parent = parent;
+      *place = &f;
     });
-  }
-
-  void weigh_down_to_tasks(Fork& f) {
-    if (f.part.size <= kForksATask) return;
-    weigh_down_to_tasks(*f.left);
-    weigh_down_to_tasks(*f.right);
-    weigh(f, upkeep_);
   }
 
   ForkRoom& add_room(size_t primitives) {

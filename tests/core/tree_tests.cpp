@@ -10,7 +10,9 @@
 
 #include "../../core/traverse.h"
 #include "../../host/bins.h"
+#include "../../host/order.h"
 #include "../../host/partition.h"
+#include "../../host/reinsert.h"
 #include "../../host/tree_cost.h"
 #include "check.h"
 #include "cloud.h"
@@ -138,6 +140,85 @@ void several_threads_divide_as_one_does() {
   }
 }
 
+// Of a fork and all below it: the surface of those with halves; each has the box and the number of
+// primitives of its halves, and knows that it is above them.
+double surface_below(const tree::Fork& f, std::vector<bool>& seen) {
+  if (!f.left) {
+    for (size_t i = 0; i < f.part.size; ++i) {
+      CHECK(!seen[f.part.refs[i].id]);
+      seen[f.part.refs[i].id] = true;
+    }
+    return 0.0;
+  }
+  Extent box = f.left->part.box;
+  box.grow(f.right->part.box);
+  const Aabb own = f.part.box.box(), both = box.box();
+  CHECK(std::memcmp(&own, &both, sizeof own) == 0);
+  CHECK(f.part.size == f.left->part.size + f.right->part.size);
+  CHECK(f.left->parent == &f && f.right->parent == &f);
+  return static_cast<double>(f.part.box.half_area()) + surface_below(*f.left, seen) +
+         surface_below(*f.right, seen);
+}
+
+// Small boxes above and below, and a few that span everything, which cuts leave among those.
+void forks_go_where_they_cost_less() {
+  constexpr u32 kCount = 6000, kLarge = 200;
+  std::vector<Ref> refs(kCount);
+  for (u32 i = 0; i < kCount; ++i) {
+    const bool large = i < kLarge;
+    for (u32 k = 0; k < 3; ++k) {
+      const float at = static_cast<float>(baseline::mix(3 * i + k) >> 40) * 0x1p-24f;
+      const bool spans = large && k != i % 3;
+      refs[i].low[k] = spans ? 0.1f * at : at;
+      refs[i].high[k] = spans ? 1.0f - 0.1f * at : at + 0.003f;
+    }
+    refs[i].id = i;
+  }
+  const tree::Part whole = tree::measure(refs.data(), kCount);
+  const tree::Upkeep upkeep = tree::upkeep_of(whole);
+  tree::ForkRoom room(kCount);
+  tree::Fork& top = tree::fork(whole, upkeep, 0, room);
+  std::vector<bool> before_seen(kCount, false), seen(kCount, false);
+  const double before = surface_below(top, before_seen);
+  const float cost = top.cost[0];
+  tree::Reinsertion::run(top, upkeep, 2);
+  CHECK(surface_below(top, seen) < 0.92 * before && top.cost[0] < 0.995f * cost);
+  CHECK(std::find(seen.begin(), seen.end(), false) == seen.end());
+  CHECK(top.part.size == kCount && top.parent == nullptr);
+}
+
+// A leaf that is full before a node of the same box, that before one which is empty, and lanes
+// without children at the other end.
+void any_hit_looks_where_it_is_worth_it() {
+  Node node;
+  for (u32 lane = 0; lane < 16; ++lane) {
+    for (u32 k = 0; k < 3; ++k) {
+      const bool there = lane == 3 || lane == 7 || lane == 11;
+      node.low[k][lane] = there ? 0.0f : kInfinity;
+      node.high[k][lane] = there ? 1.0f : -kInfinity;
+    }
+    node.child[lane] = 100 + lane;
+  }
+  const auto of = [](int lane) {
+    if (lane == 3) return tree::Expected{0.5f, 1.0f};
+    return lane == 7 ? tree::Expected{0.25f, 4.0f} : tree::Expected{0.5f, 4.0f};
+  };
+  const tree::Expected e = tree::put_in_order(node, of);
+  CHECK(node.child[15] == 103 && node.child[14] == 111 && node.child[13] == 107);
+  for (int lane = 0; lane < 16; ++lane) CHECK(tree::is_there(node, lane) == (lane > 12));
+  // All rays that meet the node meet each child: 1 + 1 + 4 / 2 + 4 / 4, of which 3 / 16 hit
+  // nothing.
+  CHECK(std::abs(e.visits - 5.0f) < 1e-5f && std::abs(e.hit - 13.0f / 16.0f) < 1e-5f);
+
+  // Half the surface of a box, within itself; a hundredth of that, in one a hundred times as large.
+  Ref box{{0, 0, 0}, 0, {1, 1, 1}, 0}, far{{9, 9, 9}, 1, {10, 10, 10}, 0};
+  const tree::Expected one = tree::expected_of(&box, &box + 1);
+  const Ref both[] = {box, far};
+  const tree::Expected two = tree::expected_of(both, both + 2);
+  CHECK(std::abs(one.hit - 1.0f / 3.0f) < 1e-6f && one.visits == 1.0f);
+  CHECK(std::abs(two.hit - 1.0f / 101.0f) < 1e-6f && two.visits == 1.0f);
+}
+
 // Of few spheres, and of many; so uneven that no grid divides large parts; all but one in one cell
 // of the first grid, so that all threads divide them once more; and of several kinds.
 void trees_do_not_depend_on_threads() {
@@ -208,6 +289,8 @@ int main() {
   trees_cost_what_lines_meet();
   partitions_keep_their_order();
   several_threads_divide_as_one_does();
+  forks_go_where_they_cost_less();
+  any_hit_looks_where_it_is_worth_it();
   trees_do_not_depend_on_threads();
   hard_cases_build();
   return finished("tree");
