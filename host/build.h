@@ -2,11 +2,12 @@
 //
 // Primitives are first sorted into the cells of a grid, from which two or three levels of nodes are
 // made at once, and their parts into cells of their own. Parts of some thousand, and larger ones
-// that lie too unevenly for a grid, are divided two by two down to leaves, and the best nodes of
-// sixteen over these are found. Of many primitives their numbers are sorted, and boxes are made
-// when they are asked for; only parts of up to kLargeJob, and groups of no more than that, are
-// copied with their boxes. Nothing is kept but the order that results, the nodes, and how many
-// primitives each leaf has; nodes and blocks are then written where the scene has them.
+// that lie too unevenly for a grid, such as whole scenes, are divided two by two down to leaves;
+// the largest of these forks go where they cost less, and the best nodes of sixteen over all of
+// them are found. Of many primitives their numbers are sorted, and boxes are made when they are
+// asked for; only parts of up to kLargeJob, and groups of no more than that, are copied with their
+// boxes. Nothing is kept but the order that results, the nodes, and how many primitives each leaf
+// has; nodes and blocks are then written where the scene has them.
 //
 // The tree depends on the primitives alone, not on the number of threads: sums over parts are only
 // minima, maxima and counts, which no order changes, sorting keeps the order within a cell, and
@@ -201,9 +202,9 @@ class TreeBuilder {
   static constexpr size_t kAhead = 16;
   static constexpr size_t kNoNode = std::numeric_limits<size_t>::max();
   // Bytes a primitive: of what is copied, with room for as much, and of the forks of an uneven
-  // part.
+  // part, whose primitives may be gathered besides.
   static constexpr u64 kCopied = 2 * sizeof(Ref);
-  static constexpr u64 kForked = forks_over(64) * sizeof(Fork) / 64;
+  static constexpr u64 kForked = forks_over(64) * sizeof(Fork) / 64 + sizeof(Ref);
 
   // In the order of its primitives.
   struct Leaf {
@@ -706,22 +707,22 @@ class TreeBuilder {
     return static_cast<Child>(index);
   }
 
-  static void gather(const Fork& f, std::vector<Ref>& refs) {
-    if (f.part.refs) {
-      refs.insert(refs.end(), f.part.refs, f.part.refs + f.part.size);
-    } else {
-      gather(*f.left, refs);
-      gather(*f.right, refs);
-    }
+  // All primitives of a fork; returns where the next would go.
+  static Ref* gather(const Fork& f, Ref* to) {
+    if (f.part.refs) return std::copy(f.part.refs, f.part.refs + f.part.size, to);
+    return gather(*f.right, gather(*f.left, to));
   }
 
   // Writes what the costs say.
   Child join(const Fork& top, int depth, Local& out) const {
-    if (depth > kMaxTreeDepth / 2 || top.part.size <= kLeafSize) {
-      if (top.part.refs) return even_tree(top.part, depth, out);
-      std::vector<Ref> refs;
-      refs.reserve(top.part.size);
+    if (top.part.size <= kLeafSize) {
+      Ref refs[kLeafSize];
       gather(top, refs);
+      return leaf({refs, top.part.size, {}, {}}, out);
+    }
+    if (depth > kMaxTreeDepth / 2) {
+      Array<Ref> refs(top.part.size);
+      gather(top, refs.data());
       return even_tree(measure(refs.data(), refs.size()), depth, out);
     }
     const Fork* child[16];

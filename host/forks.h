@@ -40,7 +40,7 @@ inline Upkeep upkeep_of(const Part& part) {
 // nodes of sixteen over it cost: cost[i] as up to i + 1 children of a node above. Of the children
 // that it is given, the left half takes first[i], 0 if it is better a child itself.
 struct Fork {
-  Part part;  // without refs where its primitives are not in one place
+  Part part;  // where its primitives are not in one place without refs, and without centres
   Fork *left, *right, *parent;
   float cost[15];
   std::uint8_t first[16];

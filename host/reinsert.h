@@ -5,7 +5,6 @@
 #pragma once
 #include <algorithm>
 #include <cstddef>
-#include <utility>
 #include <vector>
 
 #include "forks.h"
@@ -30,8 +29,11 @@ class Reinsertion {
   // Where a fork may go beside, and by how much the forks above it grow then, in surface.
   struct Place {
     float above;
+    size_t number;  // of equal ones the first is the next, so that all libraries make the same tree
     Fork* beside;
-    bool operator<(const Place& other) const { return above > other.above; }
+    bool operator<(const Place& p) const {
+      return above > p.above || (above == p.above && number > p.number);
+    }
   };
 
   Fork& top_;
@@ -41,18 +43,18 @@ class Reinsertion {
 
   // Largest first; none is the top or one of its halves.
   std::vector<Fork*> largest() const {
-    std::vector<std::pair<float, Fork*>> heap;
-    const auto smaller = [](const auto& a, const auto& b) { return a.first < b.first; };
+    std::vector<Place> heap;
+    size_t number = 0;
     const auto add = [&](Fork* f) {
-      heap.emplace_back(f->part.box.half_area(), f);
-      std::push_heap(heap.begin(), heap.end(), smaller);
+      heap.push_back({-f->part.box.half_area(), ++number, f});
+      std::push_heap(heap.begin(), heap.end());
     };
     const size_t count = std::min(top_.part.size / kTriedOf, kMost);
     std::vector<Fork*> found;
     if (top_.left) add(top_.left), add(top_.right);
     while (!heap.empty() && found.size() < count) {
-      std::pop_heap(heap.begin(), heap.end(), smaller);
-      Fork* f = heap.back().second;
+      std::pop_heap(heap.begin(), heap.end());
+      Fork* f = heap.back().beside;
       heap.pop_back();
       if (f->parent != &top_) found.push_back(f);
       if (f->left) add(f->left), add(f->right);
@@ -105,7 +107,8 @@ class Reinsertion {
     }
     least *= 1.0f - 1e-4f;  // more than rounding
     Fork* best = &old;
-    heap_.assign(1, {0.0f, &top_});
+    size_t number = 0;
+    heap_.assign(1, {0.0f, number, &top_});
     while (!heap_.empty()) {
       std::pop_heap(heap_.begin(), heap_.end());
       const Place p = heap_.back();
@@ -116,7 +119,7 @@ class Reinsertion {
       const float above = cost - p.beside->part.box.half_area();
       if (p.beside->left && above + own < least) {
         for (Fork* half : {p.beside->left, p.beside->right}) {
-          heap_.push_back({above, half});
+          heap_.push_back({above, ++number, half});
           std::push_heap(heap_.begin(), heap_.end());
         }
       }

@@ -25,8 +25,8 @@ class SharedForks {
   }
 
  private:
-  // A thread goes on with left halves. It waits for nobody: while it did, it could take no more
-  // than the tasks that it had made itself.
+  // A thread goes on with left halves, and waits for no right ones: while it did, it could take no
+  // tasks but those that it had made itself.
   void grow(Part part, Ref* spare, int levels, Fork* parent, Fork** place) {
     guard_.run([&] {
       for (; part.size > kForksATask; ++levels) {
@@ -39,6 +39,7 @@ class SharedForks {
         if (part.size > kSplitByTasks && levels < kMostForks &&
             split_by_tasks(part, spare, left, right)) {
           rest = part.refs;
+          f.part.refs = nullptr;  // they have moved, and halves use their place, too
         } else {
           halve(part, levels, left, right);
         }

@@ -265,6 +265,34 @@ void trees_do_not_depend_on_threads() {
   }
 }
 
+// Clusters within clusters, each of a quarter of the size, so that large parts lie deeper than
+// where nodes are made by costs: each primitive is in one leaf.
+void deep_trees_lose_nothing() {
+  constexpr u32 kCount = 60000;
+  std::vector<double> centers, radii;
+  u32 state = 0;
+  const auto next = [&] { return static_cast<double>(baseline::mix(++state) >> 11) * 0x1p-53; };
+  for (u32 i = 0; i < kCount; ++i) {
+    double size = 1.0;
+    for (u32 k = 0; k < 25 && next() < 0.95; ++k) size *= 0.25;
+    for (u32 k = 0; k < 3; ++k) centers.push_back(size * next());
+    radii.push_back(std::max(0.001 * size * next(), 2e-15));
+  }
+  ShapeInput spheres;
+  spheres.count = kCount;
+  spheres.arrays = {{"centers", centers.data(), true, false, 3},
+                    {"radii", radii.data(), true, false, 1}};
+  const Scene scene(input_of({spheres}, Cloud::materials()));
+  const SceneView& view = scene.view();
+  std::vector<u32> seen(kCount, 0);
+  for (u32 block = 0; block < view.sphere_blocks; ++block) {
+    for (const u32 id : view.spheres[block].id) {
+      if (id < kCount) ++seen[id];
+    }
+  }
+  CHECK(std::count(seen.begin(), seen.end(), 1u) == kCount);
+}
+
 // Centres that coincide, and sizes over fourteen powers of ten: the tree's depth stays bounded.
 void hard_cases_build() {
   std::vector<double> centers, radii;
@@ -292,6 +320,7 @@ int main() {
   forks_go_where_they_cost_less();
   any_hit_looks_where_it_is_worth_it();
   trees_do_not_depend_on_threads();
+  deep_trees_lose_nothing();
   hard_cases_build();
   return finished("tree");
 }
