@@ -202,9 +202,10 @@ class TreeBuilder {
   static constexpr size_t kAhead = 16;
   static constexpr size_t kNoNode = std::numeric_limits<size_t>::max();
   // Bytes a primitive: of what is copied, with room for as much, and of the forks of an uneven
-  // part, whose primitives may be gathered besides.
+  // part. What is gathered below them is not counted: leaves, and what lies deeper than nearly all
+  // does.
   static constexpr u64 kCopied = 2 * sizeof(Ref);
-  static constexpr u64 kForked = forks_over(64) * sizeof(Fork) / 64 + sizeof(Ref);
+  static constexpr u64 kForked = forks_over(64) * sizeof(Fork) / 64;
 
   // In the order of its primitives.
   struct Leaf {
