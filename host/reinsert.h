@@ -43,7 +43,7 @@ class Reinsertion {
 
   // Largest first; none is the top or one of its halves.
   std::vector<Fork*> largest() const {
-    std::vector<Place> heap;
+    std::vector<Place> heap;  // a place is where a fork is now; the largest has the least `above`
     size_t number = 0;
     const auto add = [&](Fork* f) {
       heap.push_back({-f->part.box.half_area(), ++number, f});
