@@ -317,15 +317,19 @@ GLOSSY = {
 }
 
 
-def means_of_parts(scene: ph.Prepared, **settings: Any) -> list[np.ndarray]:
-    """Of forty pictures each, without sharing and with: (40, 6, 6, 3)."""
+def means_of_parts(scene: ph.Prepared, count: int = 26, **settings: Any) -> list[np.ndarray]:
+    """Of so many pictures each, without sharing and with: (count, 6, 6, 3).
+
+    Both have the same seeds, so that much of their noise is the same and their difference has less:
+    as little of 26 as of 40 with seeds of their own.
+    """
     means = []
     for reuse in (False, True):
         runs = [
-            picture(scene=scene, reuse_paths=reuse, seed=1000 * reuse + k, spp=16, **settings)
-            for k in range(40)
+            picture(scene=scene, reuse_paths=reuse, seed=1000 + k, spp=16, **settings)
+            for k in range(count)
         ]
-        means.append(np.array(runs)[:, :24, :36].reshape(40, 6, 4, 6, 6, 3).mean(axis=(2, 4)))
+        means.append(np.array(runs)[:, :24, :36].reshape(count, 6, 4, 6, 6, 3).mean(axis=(2, 4)))
     return means
 
 
@@ -336,7 +340,9 @@ LEFT = {"smooth": 0.9, "deep": 0.9, "ggx": 0.33, "beckmann": 0.35, "principled":
 
 @pytest.mark.parametrize("kind", GLOSSY)
 def test_the_light_of_glossy_walls_is_shared_and_means_stay(kind: str) -> None:
-    alone, shared = means_of_parts(room(False, GLOSSY[kind]), max_depth=5)
+    # the two whose matte part alone would leave little more are told apart from that by more
+    count = 40 if LEFT.get(kind, 0.75) < 0.37 else 26
+    alone, shared = means_of_parts(room(False, GLOSSY[kind]), count, max_depth=5)
     gap = shared - alone
     assert mean_p(gap, np.zeros(gap.shape[1:])) > SIGNIFICANCE / len(GLOSSY)
     assert np.median(shared.var(axis=0)) < LEFT.get(kind, 0.75) * np.median(alone.var(axis=0))
