@@ -46,7 +46,8 @@ using KindCounts = std::array<u32, 8>;
 
 namespace parhelion::tree {
 
-// `Leaves` knows the primitives by their numbers: `ref(i)`, and `prefetch(i)` before it;
+// `Leaves` knows the primitives by their numbers: `ref(i)`, and before it `prefetch(i)` and then
+// `prefetch_vertices(i)`, which reads what the former fetches;
 // `kind(ref)`; and `write(kind, ids, n, index)`, which makes block `index` of up to sixteen of one
 // kind. Instances are leaves by themselves: `instance_leaf(ref)`.
 template <class Leaves>
@@ -179,12 +180,11 @@ class TreeBuilder {
       const u32* ids = order_.data() + jobs_[i].first;
       const u32* const end = ids + jobs_[i].size;
       for (const Leaf& leaf : made.leaves) {
-        const u32* const next = ids + leaf.count;
-        for (size_t k = 0; k < kLeafSize && next + k < end; ++k) leaves_.prefetch(next[k]);
+        prefetch(ids, leaf.count, static_cast<size_t>(end - ids));
         if (leaf.kind != ShapeKind::instance) {
           leaves_.write(leaf.kind, ids, leaf.count, block[static_cast<u32>(leaf.kind)]++);
         }
-        ids = next;
+        ids += leaf.count;
       }
       jobs_[i].made = Local();
     }
@@ -198,7 +198,7 @@ class TreeBuilder {
   static constexpr size_t kJobSize = 4096, kLargeJob = size_t{1} << 19;
   // A part of more primitives than kAlone, and than 1 / kFair of all, is divided by all threads.
   static constexpr size_t kAlone = 16384, kFair = 64;
-  // Primitives are fetched so many before they are looked at.
+  // Primitives are fetched in two steps, so many before the next step or before they are looked at.
   static constexpr size_t kAhead = 16;
   static constexpr size_t kNoNode = std::numeric_limits<size_t>::max();
   // Bytes a primitive: of what is copied, with room for as much, and of the forks of an uneven
@@ -379,8 +379,15 @@ class TreeBuilder {
 
   Ref fetched(const Open& part, size_t k) const {
     const u32* const ids = order_.data() + part.first;
-    if (k + kAhead < part.size) leaves_.prefetch(ids[k + kAhead]);
+    prefetch(ids + k, 1, part.size - k);
     return leaves_.ref(ids[k]);
+  }
+  // What follows the next `count` of so many.
+  void prefetch(const u32* ids, size_t count, size_t size) const {
+    for (size_t k = kAhead; k < kAhead + count && k < size; ++k) {
+      if (k + kAhead < size) leaves_.prefetch(ids[k + kAhead]);
+      leaves_.prefetch_vertices(ids[k]);
+    }
   }
 
   // From the job `first` on: these, the forks of what is uneven, and the jobs that they become.

@@ -56,6 +56,14 @@ struct Leaves {
       for (const Numbers& a : shapes[shape].arrays) __builtin_prefetch(a.row(row));
     }
   }
+  void prefetch_vertices(size_t i) const {
+    const u32 shape = shape_of(i);
+    const u32* const faces = shapes[shape].faces;
+    if (!faces) return;
+    for (size_t k = 0; k < 3; ++k) {
+      __builtin_prefetch(shapes[shape].arrays[0].row(faces[3 * (i - first[shape]) + k]));
+    }
+  }
   Ref ref(size_t i) const {
     const u32 shape = shape_of(i);
     const Aabb b = box(shape, i);
