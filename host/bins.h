@@ -58,7 +58,8 @@ struct Plane {
   int axis = -1;
   float low = 0.0f, scale = 0.0f;
   int last = 0, bin = 0;
-  size_t count = 0;  // of those before it
+  size_t count = 0;       // of those before it
+  float cost = INFINITY;  // expected
 
   bool before(const Ref& r) const {
     return std::min(last, static_cast<int>((center_of(r, axis) - low) * scale)) < bin;
@@ -105,14 +106,12 @@ struct Bins {
   // The plane of the least expected cost between them.
   Plane best() const {
     Plane best;
-    float best_cost = INFINITY;
     for (int k = 0; k < 3; ++k) {
       size_t cut = 0;
       if (scale[k] == 0.0f) continue;
       const float c = best_of(bins[k], kCount, cut);
-      if (c < best_cost) {
-        best_cost = c;
-        best = {k, low[k], scale[k], static_cast<int>(kCount) - 1, static_cast<int>(cut), 0};
+      if (c < best.cost) {
+        best = {k, low[k], scale[k], static_cast<int>(kCount) - 1, static_cast<int>(cut), 0, c};
       }
     }
     best.count = count_before(best);
@@ -126,8 +125,9 @@ struct Bins {
   }
 };
 
+// Apart, or all forks above one would keep room for bins.
 template <size_t kCount>
-inline Plane best_plane(const Part& p) {
+PH_APART inline Plane best_plane(const Part& p) {
   Bins<kCount> bins(p.centers);
   bins.fill(p.refs, p.size);
   return bins.best();
@@ -179,18 +179,21 @@ inline void fill_leaves(const Part& p, int axis, Part& left, Part& right) {
   }
 }
 
+PH_APART inline void split(const Part& p, const Plane& plane, Part& left, Part& right) {
+  partition(p.refs, p.refs + plane.count, p.refs + p.size,
+            [&](const Ref& r) { return plane.before(r); });
+  left = measure(p.refs, plane.count);
+  right = measure(p.refs + plane.count, p.size - plane.count);
+}
+
 // Divides a part in two of the least expected cost; by the middle one where centres coincide.
-// Apart, or all forks above one would keep room for bins.
-PH_APART inline void split(const Part& p, Part& left, Part& right) {
+inline void split(const Part& p, Part& left, Part& right) {
   const Plane plane = p.size > kFewForBins ? best_plane<kBins>(p) : best_plane<kBins / 2>(p);
   if (plane.axis < 0) {
     split_by_count(p, left, right);
     return;
   }
-  partition(p.refs, p.refs + plane.count, p.refs + p.size,
-            [&](const Ref& r) { return plane.before(r); });
-  left = measure(p.refs, plane.count);
-  right = measure(p.refs + plane.count, p.size - plane.count);
+  split(p, plane, left, right);
   fill_leaves(p, plane.axis, left, right);
 }
 

@@ -125,13 +125,14 @@ inline Fork& fork(const Part& part, Upkeep upkeep, int levels, ForkRoom& room) {
     return f;
   }
   Part left, right;
-  halve(part, levels, left, right);
   if (small) {
-    const float two = left.box.half_area() + right.box.half_area();
-    if (!(two + upkeep.leaf < part.box.half_area())) return f;
+    const Plane plane = best_plane<kBins / 2>(part);
+    if (!(plane.cost + upkeep.leaf < part.box.half_area())) return f;
+    split(part, plane, left, right);
     Fork& first = room.add(left, upkeep);
     f.join(&first, &room.add(right, upkeep));
   } else {
+    halve(part, levels, left, right);
     Fork& first = fork(left, upkeep, levels + 1, room);
     f.join(&first, &fork(right, upkeep, levels + 1, room));
   }
