@@ -402,7 +402,7 @@ class TreeBuilder {
       for (size_t turn = 0; turn < uneven + turns.size(); ++turn) {
         if (turn < uneven) {
           Uneven& u = uneven_[turn];
-          u.forks.begin(u.part, u.spare, upkeep_of(u.part));
+          u.forks.begin(u.part, u.spare);
         } else {
           guard.run([&] { make(jobs_[turns[turn - uneven]], refs, spare); });
         }
@@ -686,7 +686,7 @@ class TreeBuilder {
     if (part.size <= kLeafSize) return leaf(part, out);
     if (depth > kMaxTreeDepth / 2 || part.is_point()) return even_tree(part, depth, out);
     ForkRoom room(part.size);
-    const Upkeep upkeep = upkeep_of(part);
+    const Upkeep upkeep = upkeep_of(part, false);
     Fork& top = fork(part, upkeep, 0, room);
     if (part.size > kGridSize) Reinsertion::run(top, upkeep, 1);
     return join(top, depth, out);

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "forks.h"
+#include "memory.h"
 
 namespace parhelion::tree {
 
@@ -21,10 +22,23 @@ class Reinsertion {
     }
     reweigh(top, upkeep);
   }
+  // The same by all threads, outside of a parallel region: of so many at a time places are looked
+  // for before any is moved, and looked for again only for those that had one then.
+  static void run_together(Fork& top, Upkeep upkeep, int turns) {
+    Reinsertion r(top);
+    for (int turn = 0; turn < turns; ++turn) {
+      const std::vector<Fork*> tried = r.largest();
+      for (size_t first = 0; first < tried.size(); first += kTogether) {
+        const size_t count = std::min(kTogether, tried.size() - first);
+        for (Fork* f : r.with_a_place(&tried[first], count)) r.move(*f);
+      }
+    }
+    reweigh(top, upkeep);
+  }
 
  private:
   // Of so many primitives one is tried, but no more than kMost: what lies below them is small.
-  static constexpr size_t kTriedOf = 64, kMost = 1024;
+  static constexpr size_t kTriedOf = 64, kMost = 1024, kTogether = 32;
 
   // Where a fork may go beside, and by how much the forks above it grow then, in surface.
   struct Place {
@@ -35,9 +49,20 @@ class Reinsertion {
       return above > p.above || (above == p.above && number > p.number);
     }
   };
+  // A fork above one that is to be taken out: its box without that one, and its half that is not
+  // above it.
+  struct Above {
+    Fork *fork, *other;
+    Extent box;
+  };
+  // What a search needs room for.
+  struct Room {
+    std::vector<Above> path;
+    std::vector<Place> heap;
+  };
 
   Fork& top_;
-  std::vector<Place> heap_;
+  Room room_;
 
   explicit Reinsertion(Fork& top) : top_(top) {}
 
@@ -62,17 +87,38 @@ class Reinsertion {
     return found;
   }
 
-  static Extent both(const Fork& a, const Fork& b) {
-    Extent e = a.part.box;
-    e.grow(b.part.box);
+  std::vector<Fork*> with_a_place(Fork* const* tried, size_t count) const {
+    std::vector<Fork*> found(count, nullptr);
+    MemoryGuard guard;
+#pragma omp parallel
+    {
+      Room room;
+#pragma omp for schedule(dynamic, 4)
+      for (size_t i = 0; i < count; ++i) {
+        guard.run([&] {
+          if (place_for(*tried[i], room)) found[i] = tried[i];
+        });
+      }
+    }
+    guard.check();
+    found.erase(std::remove(found.begin(), found.end(), nullptr), found.end());
+    return found;
+  }
+
+  static Extent both(const Extent& a, const Extent& b) {
+    Extent e = a;
+    e.grow(b);
     return e;
   }
   static Fork*& link_to(Fork& f) { return f.parent->left == &f ? f.parent->left : f.parent->right; }
+  static Fork* other_half(const Fork& f) {
+    return f.parent->left == &f ? f.parent->right : f.parent->left;
+  }
 
   // From a fork whose halves have changed up to the top. Their primitives are in one place no more.
   void refit(Fork* f) {
     for (;; f = f->parent) {
-      f->part.box = both(*f->left, *f->right);
+      f->part.box = both(f->left->part.box, f->right->part.box);
       f->part.size = f->left->part.size + f->right->part.size;
       f->part.refs = nullptr;
       f->cost[0] = Fork::kUnknown;
@@ -80,51 +126,72 @@ class Reinsertion {
     }
   }
 
-  // A fork and the one above it are taken out; they go back, with another beside, where the forks
-  // above grow the least.
+  // If the forks above grow less with it in another place, a fork and the one above it are taken
+  // out and go there.
   void move(Fork& f) {
+    Fork* const beside = place_for(f, room_);
+    if (!beside) return;
     Fork& joint = *f.parent;
-    if (&joint == &top_) return;  // it has been moved there
-    Fork& other = joint.left == &f ? *joint.right : *joint.left;
-    link_to(joint) = &other;
-    other.parent = joint.parent;
-    refit(other.parent);
-    Fork& beside = place_for(f, other);
-    link_to(beside) = &joint;
-    joint.parent = beside.parent;
-    joint.left = &beside, joint.right = &f;
-    beside.parent = f.parent = &joint;
+    Fork* const other = other_half(f);
+    link_to(joint) = other;
+    other->parent = joint.parent;
+    refit(other->parent);
+    link_to(*beside) = &joint;
+    joint.parent = beside->parent;
+    joint.left = beside, joint.right = &f;
+    beside->parent = &joint;
     refit(&joint);
   }
 
-  // The place of least cost, by branch and bound: `old` unless there is a better one.
-  Fork& place_for(const Fork& f, Fork& old) {
-    const float own = f.part.box.half_area();
-    float least = both(f, old).half_area();
-    for (const Fork* a = old.parent;; a = a->parent) {
-      least += both(f, *a).half_area() - a->part.box.half_area();
-      if (a == &top_) break;
+  // Beside what a fork costs the least, by branch and bound; none if it is there already.
+  Fork* place_for(const Fork& f, Room& room) const {
+    if (f.parent == &top_) return nullptr;  // another has been moved there
+    const Extent& box = f.part.box;
+    const float own = box.half_area();
+    Fork* const now = other_half(f);
+    room.path.clear();
+    Extent rest = now->part.box;
+    for (const Fork* below = f.parent; below != &top_; below = below->parent) {
+      Fork* const other = other_half(*below);
+      rest.grow(other->part.box);
+      room.path.push_back({below->parent, other, rest});
     }
+    float least = both(box, now->part.box).half_area();
+    for (const Above& a : room.path) least += both(box, a.box).half_area() - a.box.half_area();
     least *= 1.0f - 1e-4f;  // more than rounding
-    Fork* best = &old;
+    Fork* best = nullptr;
     size_t number = 0;
-    heap_.assign(1, {0.0f, number, &top_});
-    while (!heap_.empty()) {
-      std::pop_heap(heap_.begin(), heap_.end());
-      const Place p = heap_.back();
-      heap_.pop_back();
-      if (p.above + own >= least) break;
-      const float cost = p.above + both(f, *p.beside).half_area();
-      if (cost < least && p.beside != &top_) least = cost, best = p.beside;
-      const float above = cost - p.beside->part.box.half_area();
-      if (p.beside->left && above + own < least) {
-        for (Fork* half : {p.beside->left, p.beside->right}) {
-          heap_.push_back({above, ++number, half});
-          std::push_heap(heap_.begin(), heap_.end());
-        }
-      }
+    room.heap.clear();
+    const auto add = [&](float above, Fork* beside) {
+      if (!(above + own < least)) return;
+      room.heap.push_back({above, ++number, beside});
+      std::push_heap(room.heap.begin(), room.heap.end());
+    };
+    // Beside or below `beside`, whose box may be without the fork; returns what its halves start
+    // with.
+    const auto look = [&](float above, Fork* beside, const Extent& without) {
+      const float cost = above + both(box, without).half_area();
+      if (cost < least && beside != &top_) least = cost, best = beside;
+      return cost - without.half_area();
+    };
+    float above = 0.0f;
+    for (auto a = room.path.rbegin(); a != room.path.rend() && above + own < least; ++a) {
+      above = look(above, a->fork, a->box);
+      add(above, a->other);
     }
-    return *best;
+    const auto visit = [&](float from, Fork* fork) {
+      const float start = look(from, fork, fork->part.box);
+      if (fork->left) add(start, fork->left), add(start, fork->right);
+    };
+    visit(above, now);
+    while (!room.heap.empty()) {
+      std::pop_heap(room.heap.begin(), room.heap.end());
+      const Place p = room.heap.back();
+      room.heap.pop_back();
+      if (p.above + own >= least) break;
+      visit(p.above, p.beside);
+    }
+    return best;
   }
 
   // Of those that have changed, or had no costs: whatever lies above such a fork is one, too.

@@ -13,24 +13,25 @@ class SharedForks {
  public:
   // Threads that have nothing else to do help; all are there at the region's next barrier. spare:
   // room for as many primitives as the part has.
-  void begin(const Part& part, Ref* spare, Upkeep upkeep) {
-    upkeep_ = upkeep;
-    grow(part, spare, 0, nullptr, &top_);
-  }
+  void begin(const Part& part, Ref* spare) { grow(part, spare, 0, nullptr, &top_); }
   // After that barrier. Throws if there was no memory.
   const Fork& finish() {
     guard_.check();
-    Reinsertion::run(*top_, upkeep_, 2);
+    Reinsertion::run_together(*top_, kAbove, 2);
     return *top_;
   }
 
  private:
+  // What is above parts of kForksATask costs its surface alone. A share of the whole box would be
+  // more than all nodes of a model that is a speck in it.
+  static constexpr Upkeep kAbove = {0.0f, 0.0f};
+
   // A thread goes on with left halves, and waits for no right ones: while it did, it could take no
   // tasks but those that it had made itself.
   void grow(Part part, Ref* spare, int levels, Fork* parent, Fork** place) {
     guard_.run([&] {
       for (; part.size > kForksATask; ++levels) {
-        Fork& f = add_room(0).add(part, upkeep_);
+        Fork& f = add_room(0).add(part, kAbove);
         f.cost[0] = Fork::kUnknown;
         f.parent = parent;
         *place = &f;
@@ -48,8 +49,9 @@ class SharedForks {
         });
         part = left, spare = rest, parent = &f, place = &f.left;
       }
-      Fork& f = fork(part, upkeep_, levels, add_room(part.size));
-      Reinsertion::run(f, upkeep_, 1);
+      const Upkeep upkeep = upkeep_of(part, true);
+      Fork& f = fork(part, upkeep, levels, add_room(part.size));
+      Reinsertion::run(f, upkeep, 1);
       f.parent = parent;
       *place = &f;
     });
@@ -60,7 +62,6 @@ class SharedForks {
     return rooms_.emplace_back(primitives);
   }
 
-  Upkeep upkeep_{};
   Fork* top_ = nullptr;
   MemoryGuard guard_;
   std::mutex mutex_;

@@ -175,7 +175,7 @@ void forks_go_where_they_cost_less() {
     refs[i].id = i;
   }
   const tree::Part whole = tree::measure(refs.data(), kCount);
-  const tree::Upkeep upkeep = tree::upkeep_of(whole);
+  const tree::Upkeep upkeep = tree::upkeep_of(whole, true);
   tree::ForkRoom room(kCount);
   tree::Fork& top = tree::fork(whole, upkeep, 0, room);
   std::vector<bool> before_seen(kCount, false), seen(kCount, false);
