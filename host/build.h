@@ -418,7 +418,7 @@ class TreeBuilder {
 
   // Nodes over forks, down to what is a job for one thread.
   void add_forked(const Fork& top, const Open& place) {
-    if (top.part.size <= kForksATask || place.depth > kMaxTreeDepth / 2) {
+    if (top.size <= kForksATask || place.depth > kMaxTreeDepth / 2) {
       jobs_.push_back({place, nullptr, nullptr, &top});
       return;
     }
@@ -429,10 +429,10 @@ class TreeBuilder {
     top_.push_back(empty_node());
     size_t first = place.first;
     for (int i = 0; i < count; ++i) {
-      const Part& part = child[i]->part;
-      set_box(top_[index], i, part.box);
-      add_forked(*child[i], {first, part.size, place.depth + 1, index, i});
-      first += part.size;
+      const Fork& below = *child[i];
+      set_box(top_[index], i, below.box);
+      add_forked(below, {first, below.size, place.depth + 1, index, i});
+      first += below.size;
     }
   }
 
@@ -717,19 +717,19 @@ class TreeBuilder {
 
   // All primitives of a fork; returns where the next would go.
   static Ref* gather(const Fork& f, Ref* to) {
-    if (f.part.refs) return std::copy(f.part.refs, f.part.refs + f.part.size, to);
+    if (f.refs) return std::copy(f.refs, f.refs + f.size, to);
     return gather(*f.right, gather(*f.left, to));
   }
 
   // Writes what the costs say.
   Child join(const Fork& top, int depth, Local& out) const {
-    if (top.part.size <= kLeafSize) {
+    if (top.size <= kLeafSize) {
       Ref refs[kLeafSize];
       gather(top, refs);
-      return leaf({refs, top.part.size, {}, {}}, out);
+      return leaf({refs, top.size, {}, {}}, out);
     }
     if (depth > kMaxTreeDepth / 2) {
-      Array<Ref> refs(top.part.size);
+      Array<Ref> refs(top.size);
       gather(top, refs.data());
       return even_tree(measure(refs.data(), refs.size()), depth, out);
     }
@@ -738,7 +738,7 @@ class TreeBuilder {
     const size_t index = out.nodes.size();
     out.nodes.push_back(empty_node());
     for (int i = 0; i < count; ++i) {
-      set_box(out.nodes[index], i, child[i]->part.box);
+      set_box(out.nodes[index], i, child[i]->box);
       const Child c = join(*child[i], depth + 1, out);
       out.nodes[index].child[i] = c;
     }

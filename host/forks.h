@@ -41,17 +41,22 @@ inline Upkeep upkeep_of(const Part& part, bool uneven) {
 // nodes of sixteen over it cost: cost[i] as up to i + 1 children of a node above. Of the children
 // that it is given, the left half takes first[i], 0 if it is better a child itself.
 struct Fork {
-  Part part;  // where its primitives are not in one place without refs, and without centres
   Fork *left, *right, *parent;
+  Ref* refs;  // of its primitives; none where these are not in one place
+  Extent box;
+  size_t size;
   float cost[15];
   std::uint8_t first[16];
+  std::uint8_t leaves;  // below it, or kMany: more children than leaves are of no use
 
+  static constexpr std::uint8_t kMany = 15;
   // Stands in cost[0] until it is known.
   static constexpr float kUnknown = -1.0f;
 
   void cost_as_leaf(Upkeep upkeep) {
-    std::fill(cost, cost + 15, part.box.half_area() + upkeep.leaf);
+    std::fill(cost, cost + 15, box.half_area() + upkeep.leaf);
     std::fill(first, first + 16, std::uint8_t{0});
+    leaves = 1;
   }
   void join(Fork* a, Fork* b) {
     left = a, right = b;
@@ -70,7 +75,7 @@ class ForkRoom {
       next_ = blocks_.back().begin();
       end_ = blocks_.back().end();
     }
-    *next_ = {part, nullptr, nullptr, nullptr, {}, {}};
+    *next_ = {nullptr, nullptr, nullptr, part.refs, part.box, part.size, {}, {}, 0};
     next_->cost_as_leaf(upkeep);
     return *next_++;
   }
@@ -103,14 +108,18 @@ inline void weigh(Fork& f, Upkeep upkeep) {
     }
     return least;
   };
-  if (f.part.size > kLeafSize) {
-    f.cost[0] = best(16, f.first[15]) + f.part.box.half_area() + upkeep.node;
+  const int leaves = f.left->leaves + f.right->leaves;
+  f.leaves = static_cast<std::uint8_t>(std::min(leaves, int{Fork::kMany}));
+  if (f.size > kLeafSize) {
+    f.cost[0] = best(std::min(leaves, 16), f.first[15]) + f.box.half_area() + upkeep.node;
   }
-  for (int children = 2; children < 16; ++children) {
+  for (int children = 2; children <= f.leaves; ++children) {
     const size_t i = static_cast<size_t>(children - 1);
     f.cost[i] = best(children, f.first[i]);
     if (f.cost[0] <= f.cost[i]) f.cost[i] = f.cost[0], f.first[i] = 0;
   }
+  std::fill(f.cost + f.leaves, f.cost + 15, f.cost[f.leaves - 1]);
+  std::fill(f.first + f.leaves, f.first + 15, f.first[f.leaves - 1]);
 }
 
 // The forks of a part. What fits into a leaf may be two where the node above has room, as when

@@ -71,10 +71,10 @@ class Reinsertion {
     std::vector<Place> heap;  // a place is where a fork is now; the largest has the least `above`
     size_t number = 0;
     const auto add = [&](Fork* f) {
-      heap.push_back({-f->part.box.half_area(), ++number, f});
+      heap.push_back({-f->box.half_area(), ++number, f});
       std::push_heap(heap.begin(), heap.end());
     };
-    const size_t count = std::min(top_.part.size / kTriedOf, kMost);
+    const size_t count = std::min(top_.size / kTriedOf, kMost);
     std::vector<Fork*> found;
     if (top_.left) add(top_.left), add(top_.right);
     while (!heap.empty() && found.size() < count) {
@@ -118,9 +118,9 @@ class Reinsertion {
   // From a fork whose halves have changed up to the top. Their primitives are in one place no more.
   void refit(Fork* f) {
     for (;; f = f->parent) {
-      f->part.box = both(f->left->part.box, f->right->part.box);
-      f->part.size = f->left->part.size + f->right->part.size;
-      f->part.refs = nullptr;
+      f->box = both(f->left->box, f->right->box);
+      f->size = f->left->size + f->right->size;
+      f->refs = nullptr;
       f->cost[0] = Fork::kUnknown;
       if (f == &top_) return;
     }
@@ -146,17 +146,17 @@ class Reinsertion {
   // Beside what a fork costs the least, by branch and bound; none if it is there already.
   Fork* place_for(const Fork& f, Room& room) const {
     if (f.parent == &top_) return nullptr;  // another has been moved there
-    const Extent& box = f.part.box;
+    const Extent& box = f.box;
     const float own = box.half_area();
     Fork* const now = other_half(f);
     room.path.clear();
-    Extent rest = now->part.box;
+    Extent rest = now->box;
     for (const Fork* below = f.parent; below != &top_; below = below->parent) {
       Fork* const other = other_half(*below);
-      rest.grow(other->part.box);
+      rest.grow(other->box);
       room.path.push_back({below->parent, other, rest});
     }
-    float least = both(box, now->part.box).half_area();
+    float least = both(box, now->box).half_area();
     for (const Above& a : room.path) least += both(box, a.box).half_area() - a.box.half_area();
     least *= 1.0f - 1e-4f;  // more than rounding
     Fork* best = nullptr;
@@ -180,7 +180,7 @@ class Reinsertion {
       add(above, a->other);
     }
     const auto visit = [&](float from, Fork* fork) {
-      const float start = look(from, fork, fork->part.box);
+      const float start = look(from, fork, fork->box);
       if (fork->left) add(start, fork->left), add(start, fork->right);
     };
     visit(above, now);

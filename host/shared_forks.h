@@ -40,7 +40,7 @@ class SharedForks {
         if (part.size > kSplitByTasks && levels < kMostForks &&
             split_by_tasks(part, spare, left, right)) {
           rest = part.refs;
-          f.part.refs = nullptr;  // they have moved, and halves use their place, too
+          f.refs = nullptr;  // they have moved, and halves use their place, too
         } else {
           halve(part, levels, left, right);
         }

@@ -144,19 +144,19 @@ void several_threads_divide_as_one_does() {
 // primitives of its halves, and knows that it is above them.
 double surface_below(const tree::Fork& f, std::vector<bool>& seen) {
   if (!f.left) {
-    for (size_t i = 0; i < f.part.size; ++i) {
-      CHECK(!seen[f.part.refs[i].id]);
-      seen[f.part.refs[i].id] = true;
+    for (size_t i = 0; i < f.size; ++i) {
+      CHECK(!seen[f.refs[i].id]);
+      seen[f.refs[i].id] = true;
     }
     return 0.0;
   }
-  Extent box = f.left->part.box;
-  box.grow(f.right->part.box);
-  const Aabb own = f.part.box.box(), both = box.box();
+  Extent box = f.left->box;
+  box.grow(f.right->box);
+  const Aabb own = f.box.box(), both = box.box();
   CHECK(std::memcmp(&own, &both, sizeof own) == 0);
-  CHECK(f.part.size == f.left->part.size + f.right->part.size);
+  CHECK(f.size == f.left->size + f.right->size);
   CHECK(f.left->parent == &f && f.right->parent == &f);
-  return static_cast<double>(f.part.box.half_area()) + surface_below(*f.left, seen) +
+  return static_cast<double>(f.box.half_area()) + surface_below(*f.left, seen) +
          surface_below(*f.right, seen);
 }
 
@@ -184,7 +184,7 @@ void forks_go_where_they_cost_less() {
   tree::Reinsertion::run(top, upkeep, 2);
   CHECK(surface_below(top, seen) < 0.92 * before && top.cost[0] < 0.995f * cost);
   CHECK(std::find(seen.begin(), seen.end(), false) == seen.end());
-  CHECK(top.part.size == kCount && top.parent == nullptr);
+  CHECK(top.size == kCount && top.parent == nullptr);
 }
 
 // A leaf that is full before a node of the same box, that before one which is empty, and lanes
