@@ -38,7 +38,7 @@ class Reinsertion {
 
  private:
   // Of so many primitives one is tried, but no more than kMost: what lies below them is small.
-  static constexpr size_t kTriedOf = 64, kMost = 1024, kTogether = 32;
+  static constexpr size_t kTriedOf = 64, kMost = 1024, kTogether = 24;
 
   // Where a fork may go beside, and by how much the forks above it grow then, in surface.
   struct Place {
