@@ -179,6 +179,7 @@ inline void fill_leaves(const Part& p, int axis, Part& left, Part& right) {
   }
 }
 
+// Apart, as partition() keeps room, too.
 PH_APART inline void split(const Part& p, const Plane& plane, Part& left, Part& right) {
   partition(p.refs, p.refs + plane.count, p.refs + p.size,
             [&](const Ref& r) { return plane.before(r); });

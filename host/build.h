@@ -46,10 +46,10 @@ using KindCounts = std::array<u32, 8>;
 
 namespace parhelion::tree {
 
-// `Leaves` knows the primitives by their numbers: `ref(i)`, and before it `prefetch(i)` and then
-// `prefetch_vertices(i)`, which reads what the former fetches;
-// `kind(ref)`; and `write(kind, ids, n, index)`, which makes block `index` of up to sixteen of one
-// kind. Instances are leaves by themselves: `instance_leaf(ref)`.
+// `Leaves` knows the primitives by their numbers: `ref(i)`; before it, some time apart,
+// `prefetch(i)` and `prefetch_vertices(i)`, which reads what the first one fetches; `kind(ref)`;
+// and `write(kind, ids, n, index)`, which makes block `index` of up to sixteen of one kind.
+// Instances are leaves by themselves: `instance_leaf(ref)`.
 template <class Leaves>
 class TreeBuilder {
  public:
@@ -382,7 +382,7 @@ class TreeBuilder {
     prefetch(ids + k, 1, part.size - k);
     return leaves_.ref(ids[k]);
   }
-  // What follows the next `count` of so many.
+  // Of `size` primitives, those that will be looked at after the next `count`.
   void prefetch(const u32* ids, size_t count, size_t size) const {
     for (size_t k = kAhead; k < kAhead + count && k < size; ++k) {
       if (k + kAhead < size) leaves_.prefetch(ids[k + kAhead]);
@@ -688,7 +688,7 @@ class TreeBuilder {
     ForkRoom room(part.size);
     const Upkeep upkeep = upkeep_of(part, false);
     Fork& top = fork(part, upkeep, 0, room);
-    if (part.size > kGridSize) Reinsertion::run(top, upkeep, 1);
+    if (part.size > kGridSize) Reinsertion::run(top, 1);
     return join(top, depth, out);
   }
 

@@ -8,6 +8,7 @@
 
 #include "array.h"
 #include "bins.h"
+#include "grid.h"
 #include "sah.h"
 
 namespace parhelion::tree {
@@ -27,11 +28,21 @@ struct Upkeep {
   float node, leaf;
 };
 
+// Whether all primitives of a part lie in one place, or most in crowded cells of a grid of its own,
+// as those of clusters and of many surfaces do.
+inline bool leaves_room(const Part& part) {
+  if (part.is_point()) return true;
+  const Grid grid(part.centers, part.size);
+  std::vector<u32> cells(grid.count());
+  for (size_t i = 0; i < part.size; ++i) ++cells[grid.cell_of(part.refs[i])];
+  return crowded(cells, part.size, kCrowdOfAll, [](u32 count) { return count; });
+}
+
 // A node costs a share of what rays pay for the uppermost of its part, a leaf one of the surface of
-// an average leaf there, as if they filled the part's box; where primitives lie unevenly they don't
-// by far.
-inline Upkeep upkeep_of(const Part& part, bool uneven) {
-  const float node = 0.01f, leaf = uneven ? 0.06f : 0.2f;
+// an average leaf there, as if they filled the part's box. Leaves are smaller in `roomy` parts,
+// which have more of them.
+inline Upkeep upkeep_of(const Part& part, bool roomy) {
+  const float node = 0.01f, leaf = roomy ? 0.06f : 0.2f;
   const float area = part.box.half_area();
   const float leaves = static_cast<float>(part.size) / kLeafSize;
   return {area * node, area / std::pow(leaves, 2.0f / 3.0f) * leaf};
@@ -41,21 +52,23 @@ inline Upkeep upkeep_of(const Part& part, bool uneven) {
 // nodes of sixteen over it cost: cost[i] as up to i + 1 children of a node above. Of the children
 // that it is given, the left half takes first[i], 0 if it is better a child itself.
 struct Fork {
+  static constexpr int kMostCosts = 15;
+
   Fork *left, *right, *parent;
   Ref* refs;  // of its primitives; none where these are not in one place
   Extent box;
   size_t size;
-  float cost[15];
-  std::uint8_t first[16];
-  std::uint8_t leaves;  // below it, or kMany: more children than leaves are of no use
+  Upkeep upkeep;  // of a node or a leaf made of it
+  float cost[kMostCosts];
+  std::uint8_t first[kMostCosts + 1];
+  std::uint8_t leaves;  // below it, up to kMostCosts; to more children it has no use for the rest
 
-  static constexpr std::uint8_t kMany = 15;
   // Stands in cost[0] until it is known.
   static constexpr float kUnknown = -1.0f;
 
-  void cost_as_leaf(Upkeep upkeep) {
-    std::fill(cost, cost + 15, box.half_area() + upkeep.leaf);
-    std::fill(first, first + 16, std::uint8_t{0});
+  void cost_as_leaf() {
+    std::fill(cost, cost + kMostCosts, box.half_area() + upkeep.leaf);
+    std::fill(first, first + kMostCosts + 1, std::uint8_t{0});
     leaves = 1;
   }
   void join(Fork* a, Fork* b) {
@@ -75,8 +88,8 @@ class ForkRoom {
       next_ = blocks_.back().begin();
       end_ = blocks_.back().end();
     }
-    *next_ = {nullptr, nullptr, nullptr, part.refs, part.box, part.size, {}, {}, 0};
-    next_->cost_as_leaf(upkeep);
+    *next_ = {nullptr, nullptr, nullptr, part.refs, part.box, part.size, upkeep, {}, {}, 0};
+    next_->cost_as_leaf();
     return *next_++;
   }
 
@@ -97,7 +110,7 @@ inline void halve(const Part& part, int levels, Part& left, Part& right) {
 // What a fork costs by what its halves do.
 // Method: H. Ylitie, T. Karras and S. Laine, "Efficient Incoherent Ray Traversal on GPUs Through
 // Compressed Wide BVHs", HPG 2017, section 3.1.
-inline void weigh(Fork& f, Upkeep upkeep) {
+inline void weigh(Fork& f) {
   const float *a = f.left->cost, *b = f.right->cost;
   const auto best = [&](int children, std::uint8_t& first) {
     float least = a[0] + b[children - 2];
@@ -109,17 +122,17 @@ inline void weigh(Fork& f, Upkeep upkeep) {
     return least;
   };
   const int leaves = f.left->leaves + f.right->leaves;
-  f.leaves = static_cast<std::uint8_t>(std::min(leaves, int{Fork::kMany}));
+  f.leaves = static_cast<std::uint8_t>(std::min(leaves, Fork::kMostCosts));
   if (f.size > kLeafSize) {
-    f.cost[0] = best(std::min(leaves, 16), f.first[15]) + f.box.half_area() + upkeep.node;
+    f.cost[0] = best(std::min(leaves, 16), f.first[15]) + f.box.half_area() + f.upkeep.node;
   }
   for (int children = 2; children <= f.leaves; ++children) {
     const size_t i = static_cast<size_t>(children - 1);
     f.cost[i] = best(children, f.first[i]);
     if (f.cost[0] <= f.cost[i]) f.cost[i] = f.cost[0], f.first[i] = 0;
   }
-  std::fill(f.cost + f.leaves, f.cost + 15, f.cost[f.leaves - 1]);
-  std::fill(f.first + f.leaves, f.first + 15, f.first[f.leaves - 1]);
+  std::fill(f.cost + f.leaves, f.cost + Fork::kMostCosts, f.cost[f.leaves - 1]);
+  std::fill(f.first + f.leaves, f.first + Fork::kMostCosts, f.first[f.leaves - 1]);
 }
 
 // The forks of a part. What fits into a leaf may be two where the node above has room, as when
@@ -146,7 +159,7 @@ inline Fork& fork(const Part& part, Upkeep upkeep, int levels, ForkRoom& room) {
     Fork& first = fork(left, upkeep, levels + 1, room);
     f.join(&first, &fork(right, upkeep, levels + 1, room));
   }
-  weigh(f, upkeep);
+  weigh(f);
   return f;
 }
 

@@ -15,16 +15,16 @@ namespace parhelion::tree {
 class Reinsertion {
  public:
   // Tries the largest forks below `top`, so many times, and says anew what all of them cost.
-  static void run(Fork& top, Upkeep upkeep, int turns) {
+  static void run(Fork& top, int turns) {
     Reinsertion r(top);
     for (int turn = 0; turn < turns; ++turn) {
       for (Fork* f : r.largest()) r.move(*f);
     }
-    reweigh(top, upkeep);
+    reweigh(top);
   }
-  // The same by all threads, outside of a parallel region: of so many at a time places are looked
-  // for before any is moved, and looked for again only for those that had one then.
-  static void run_together(Fork& top, Upkeep upkeep, int turns) {
+  // As that, but by all threads, outside of a parallel region: of so many at a time places are
+  // looked for before any is moved, and looked for again only for those that had one then.
+  static void run_together(Fork& top, int turns) {
     Reinsertion r(top);
     for (int turn = 0; turn < turns; ++turn) {
       const std::vector<Fork*> tried = r.largest();
@@ -33,7 +33,7 @@ class Reinsertion {
         for (Fork* f : r.with_a_place(&tried[first], count)) r.move(*f);
       }
     }
-    reweigh(top, upkeep);
+    reweigh(top);
   }
 
  private:
@@ -93,7 +93,7 @@ class Reinsertion {
 #pragma omp parallel
     {
       Room room;
-#pragma omp for schedule(dynamic, 4)
+#pragma omp for schedule(dynamic, 1)
       for (size_t i = 0; i < count; ++i) {
         guard.run([&] {
           if (place_for(*tried[i], room)) found[i] = tried[i];
@@ -115,12 +115,14 @@ class Reinsertion {
     return f.parent->left == &f ? f.parent->right : f.parent->left;
   }
 
-  // From a fork whose halves have changed up to the top. Their primitives are in one place no more.
+  // From a fork whose halves have changed up to the top. Their primitives are in one place no more,
+  // and what they cost beside their surface is what the top does.
   void refit(Fork* f) {
     for (;; f = f->parent) {
       f->box = both(f->left->box, f->right->box);
       f->size = f->left->size + f->right->size;
       f->refs = nullptr;
+      f->upkeep = top_.upkeep;
       f->cost[0] = Fork::kUnknown;
       if (f == &top_) return;
     }
@@ -183,7 +185,7 @@ class Reinsertion {
       const float start = look(from, fork, fork->box);
       if (fork->left) add(start, fork->left), add(start, fork->right);
     };
-    visit(above, now);
+    visit(above, now);  // to no avail where the way down to it was too long already
     while (!room.heap.empty()) {
       std::pop_heap(room.heap.begin(), room.heap.end());
       const Place p = room.heap.back();
@@ -195,12 +197,12 @@ class Reinsertion {
   }
 
   // Of those that have changed, or had no costs: whatever lies above such a fork is one, too.
-  static void reweigh(Fork& f, Upkeep upkeep) {
+  static void reweigh(Fork& f) {
     if (f.cost[0] != Fork::kUnknown) return;
-    reweigh(*f.left, upkeep);
-    reweigh(*f.right, upkeep);
-    f.cost_as_leaf(upkeep);
-    weigh(f, upkeep);
+    reweigh(*f.left);
+    reweigh(*f.right);
+    f.cost_as_leaf();
+    weigh(f);
   }
 };
 

@@ -17,13 +17,13 @@ class SharedForks {
   // After that barrier. Throws if there was no memory.
   const Fork& finish() {
     guard_.check();
-    Reinsertion::run_together(*top_, kAbove, 2);
+    Reinsertion::run_together(*top_, 2);
     return *top_;
   }
 
  private:
-  // What is above parts of kForksATask costs its surface alone. A share of the whole box would be
-  // more than all nodes of a model that is a speck in it.
+  // Of what is above parts of kForksATask, or changed by moves there: it costs its surface alone. A
+  // share of that of the whole box would be more than all nodes of a model that is a speck in it.
   static constexpr Upkeep kAbove = {0.0f, 0.0f};
 
   // A thread goes on with left halves, and waits for no right ones: while it did, it could take no
@@ -49,9 +49,9 @@ class SharedForks {
         });
         part = left, spare = rest, parent = &f, place = &f.left;
       }
-      const Upkeep upkeep = upkeep_of(part, true);
+      const Upkeep upkeep = upkeep_of(part, leaves_room(part));
       Fork& f = fork(part, upkeep, levels, add_room(part.size));
-      Reinsertion::run(f, upkeep, 1);
+      Reinsertion::run(f, 1);
       f.parent = parent;
       *place = &f;
     });

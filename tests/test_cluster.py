@@ -355,7 +355,7 @@ def spoil() -> None:
 
 @contextlib.contextmanager
 def mended(client: Any) -> Iterator[None]:
-    """What the block makes of the workers' code is as before when it ends."""
+    """Puts back what the block replaces in three of the workers' modules."""
 
     def keep() -> None:
         import parhelion
@@ -367,7 +367,7 @@ def mended(client: Any) -> Iterator[None]:
     def mend() -> None:
         from parhelion.cluster import worker
 
-        for module, values in vars(worker).pop("before"):
+        for module, values in vars(worker).pop("before", ()):
             vars(module).update(values)
         worker.build.cache_clear()
 
@@ -452,8 +452,9 @@ def test_the_scene_goes_to_each_worker_once(client: Any, monkeypatch: pytest.Mon
     def let_go() -> None:
         from parhelion.cluster import worker
 
-        while worker._scenes:
-            worker._let_go()
+        with worker._busy:
+            while worker._scenes:
+                worker._let_go()
 
     monkeypatch.setattr(roster.Roster, "_ask", told)
     before = set(client.futures)
@@ -573,7 +574,9 @@ def tighten(room: int) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not keep such limits")
-def test_workers_whose_memory_runs_out_leave_it_to_others() -> None:
+def test_workers_whose_memory_runs_out_leave_it_to_others(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     """While the arrays come, or while the tree is built."""
     centers = np.random.default_rng(1).uniform(-1.0, 1.0, (400_000, 3)).astype(np.float32)
     scene = prepare(ph.Scene([ph.Spheres(centers, 0.01)]))
@@ -583,6 +586,7 @@ def test_workers_whose_memory_runs_out_leave_it_to_others() -> None:
         for worker, room in zip(workers, (1 << 20, 8 << 20, 16 << 20), strict=False):
             client.run(tighten, room, workers=[worker])
         made = ph.render(scene, cluster=client, threads=1, **asked)
+    assert "is left out: not enough memory" in caplog.text
     same(made, ph.render(scene, **asked))
 
 
@@ -665,7 +669,7 @@ def test_workers_that_end_together_are_nobodys_fault(
                     return
         pytest.skip("Dask did not begin its workers again within half a minute")
 
-    # Dask gives up those that are not there 15 s after they were killed once: killed twice or not.
+    # Dask gives up those that are not there 15 s after they were killed, were it a second time.
     waits = dask.config.set({"distributed.deploy.lost-worker-timeout": "100s"})
     with waits, places.opened("local:2", 1) as (client, *_):
         image = during(client, scene, kill, (0.1, 0.3, 0.5), **asked)

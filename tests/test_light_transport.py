@@ -443,7 +443,7 @@ def test_lamps_seen_in_gloss_are_the_sum_of_each(kind: str, count: int) -> None:
         settings = {"spp": spp, "count": 24, "max_depth": 2, "sampler": "independent"}
         return Look(size=8).runs(ball, *lamps, **settings).astype(float).mean(axis=(2, 3))
 
-    # of many lamps almost all of the noise is that of which is asked
+    # of many lamps almost all of the noise is that of which lamp is asked
     spp, each = (256, 256) if count < 20 else (512, 64)
     together = runs(range(count), spp)
     apart = sum(runs(range(i, i + 1), each) for i in range(count))

@@ -53,8 +53,8 @@ def test_core_compiles(architecture: str, long: bool) -> None:
     program = ctypes.c_void_p()
     source = KERNEL.encode()
     assert nvrtc.nvrtcCreateProgram(ctypes.byref(program), source, b"render.cu", 0, None, None) == 0
-    # No optimisation, which takes minutes: this is about compiling at all. Later versions have a
-    # way that leaves out what debuggers want too, of which there is four times as much.
+    # No optimisation, which takes minutes: this is about compiling at all. Later versions can do so
+    # without what debuggers want, which takes three quarters of the time.
     late = tuple(number.value for number in version) >= (12, 8)
     options = [
         f"--gpu-architecture={architecture}".encode(),

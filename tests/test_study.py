@@ -10,6 +10,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from html.parser import HTMLParser
 from pathlib import Path
@@ -629,8 +630,11 @@ def test_real_ctrl_c(tmp_path) -> None:
     process = subprocess.Popen(
         parhelion(*options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
+    late = threading.Timer(60, process.kill)
+    late.start()
     while "scene weekend" not in process.stderr.readline():  # told when the first run begins
         assert process.poll() is None, process.communicate()
+    late.cancel()
     time.sleep(0.5)
     assert process.poll() is None, process.communicate()
     process.send_signal(signal.SIGINT)

@@ -160,6 +160,28 @@ double surface_below(const tree::Fork& f, std::vector<bool>& seen) {
          surface_below(*f.right, seen);
 }
 
+// Of a fork and all below it: as up to so many children of a node each costs the least of all ways
+// to give these to its halves, and to be one child itself.
+void costs_are_the_least(const tree::Fork& f) {
+  if (!f.left) return;
+  const float* const a = f.left->cost;
+  const float* const b = f.right->cost;
+  const auto shared = [&](int children) {
+    float least = kInfinity;
+    for (int k = 1; k < children; ++k) least = std::min(least, a[k - 1] + b[children - k - 1]);
+    return least;
+  };
+  const float own = f.box.half_area();
+  const float alone =
+      f.size > tree::kLeafSize ? shared(16) + own + f.upkeep.node : own + f.upkeep.leaf;
+  CHECK(f.cost[0] == alone);
+  for (int children = 2; children < 16; ++children) {
+    CHECK(f.cost[children - 1] == std::min(alone, shared(children)));
+  }
+  costs_are_the_least(*f.left);
+  costs_are_the_least(*f.right);
+}
+
 // Small boxes above and below, and a few that span everything, which cuts leave among those.
 void forks_go_where_they_cost_less() {
   constexpr u32 kCount = 6000, kLarge = 200;
@@ -175,16 +197,40 @@ void forks_go_where_they_cost_less() {
     refs[i].id = i;
   }
   const tree::Part whole = tree::measure(refs.data(), kCount);
-  const tree::Upkeep upkeep = tree::upkeep_of(whole, true);
-  tree::ForkRoom room(kCount);
-  tree::Fork& top = tree::fork(whole, upkeep, 0, room);
-  std::vector<bool> before_seen(kCount, false), seen(kCount, false);
-  const double before = surface_below(top, before_seen);
-  const float cost = top.cost[0];
-  tree::Reinsertion::run(top, upkeep, 2);
-  CHECK(surface_below(top, seen) < 0.92 * before && top.cost[0] < 0.995f * cost);
-  CHECK(std::find(seen.begin(), seen.end(), false) == seen.end());
-  CHECK(top.size == kCount && top.parent == nullptr);
+  const tree::Upkeep upkeep = tree::upkeep_of(whole, false);
+  for (const bool together : {false, true}) {
+    tree::ForkRoom room(kCount);
+    tree::Fork& top = tree::fork(whole, upkeep, 0, room);
+    std::vector<bool> before_seen(kCount, false), seen(kCount, false);
+    const double before = surface_below(top, before_seen);
+    const float cost = top.cost[0];
+    if (together) {
+      tree::Reinsertion::run_together(top, 2);
+    } else {
+      tree::Reinsertion::run(top, 2);
+    }
+    CHECK(surface_below(top, seen) < 0.92 * before && top.cost[0] < 0.995f * cost);
+    CHECK(std::find(seen.begin(), seen.end(), false) == seen.end());
+    CHECK(top.size == kCount && top.parent == nullptr);
+    costs_are_the_least(top);
+  }
+}
+
+// Random boxes fill theirs; those along its diagonal, or all in one place, leave most of it empty.
+void parts_fill_their_boxes_or_not() {
+  std::vector<Ref> refs(4096);
+  for (const u32 free_axes : {3u, 1u, 0u}) {
+    for (u32 i = 0; i < refs.size(); ++i) {
+      for (u32 k = 0; k < 3; ++k) {
+        const u32 number = free_axes == 3 ? 3 * i + k : free_axes == 1 ? i : 0;
+        refs[i].low[k] = static_cast<float>(baseline::mix(number) >> 40) * 0x1p-24f;
+        refs[i].high[k] = refs[i].low[k] + 0.001f;
+      }
+      refs[i].id = i;
+    }
+    const tree::Part part = tree::measure(refs.data(), refs.size());
+    CHECK(tree::leaves_room(part) == (free_axes < 3));
+  }
 }
 
 // A leaf that is full before a node of the same box, that before one which is empty, and lanes
@@ -318,6 +364,7 @@ int main() {
   partitions_keep_their_order();
   several_threads_divide_as_one_does();
   forks_go_where_they_cost_less();
+  parts_fill_their_boxes_or_not();
   any_hit_looks_where_it_is_worth_it();
   trees_do_not_depend_on_threads();
   deep_trees_lose_nothing();
