@@ -233,6 +233,26 @@ void parts_fill_their_boxes_or_not() {
   }
 }
 
+// What fits into a leaf is two where these are much smaller than both, as at two ends of a scene.
+void leaves_become_two_where_that_costs_less() {
+  for (const bool apart : {false, true}) {
+    std::vector<Ref> refs(16);
+    for (u32 i = 0; i < 16; ++i) {
+      for (u32 k = 0; k < 3; ++k) {
+        const float at = static_cast<float>(baseline::mix(3 * i + k) >> 40) * 0x1p-24f;
+        refs[i].low[k] = apart ? static_cast<float>(i % 2) + 0.01f * at : at;
+        refs[i].high[k] = refs[i].low[k] + 0.001f;
+      }
+      refs[i].id = i;
+    }
+    tree::ForkRoom room(16);
+    const tree::Part part = tree::measure(refs.data(), refs.size());
+    const tree::Fork& f = tree::fork(part, {0.0f, 1.0f}, 0, room);
+    CHECK((f.left != nullptr) == apart);
+    if (apart) CHECK(f.left->size == 8 && f.right->size == 8 && f.cost[1] < f.cost[0]);
+  }
+}
+
 // A leaf that is full before a node of the same box, that before one which is empty, and lanes
 // without children at the other end.
 void any_hit_looks_where_it_is_worth_it() {
@@ -365,6 +385,7 @@ int main() {
   several_threads_divide_as_one_does();
   forks_go_where_they_cost_less();
   parts_fill_their_boxes_or_not();
+  leaves_become_two_where_that_costs_less();
   any_hit_looks_where_it_is_worth_it();
   trees_do_not_depend_on_threads();
   deep_trees_lose_nothing();
