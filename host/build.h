@@ -553,12 +553,10 @@ class TreeBuilder {
     const Grid grid(centers, n);
     const size_t cells = grid.count();
     if (cells < 2) return false;
-    if (crowd > 0) {
-      // Most parts that are not can be told by a few, before all are sorted into cells.
-      std::vector<u32> some(cells);
-      for (size_t i = 0; i < n; i += kSampled) ++some[grid.cell_of(ref_of(items[i]))];
-      const auto count = [](u32 of_cell) { return of_cell; };
-      if (crowded(some, (n - 1) / kSampled + 1, 2 * crowd, count)) return false;
+    // Most parts that are not can be told by a few, before all are sorted into cells.
+    if (crowd > 0 &&
+        crowded(grid, n, kSampled, 2 * crowd, [&](size_t i) { return ref_of(items[i]); })) {
+      return false;
     }
     // A chunk has as many primitives as there are cells, or more: to clear and sum its bins takes
     // as long as to fill them. So of 262,144 primitives and fewer there are some eight.
@@ -686,7 +684,7 @@ class TreeBuilder {
     if (part.size <= kLeafSize) return leaf(part, out);
     if (depth > kMaxTreeDepth / 2 || part.is_point()) return even_tree(part, depth, out);
     ForkRoom room(part.size);
-    const Upkeep upkeep = upkeep_of(part, false);
+    const Upkeep upkeep = upkeep_of(part, false);  // of most scenes, in which leaves stay full
     Fork& top = fork(part, upkeep, 0, room);
     if (part.size > kGridSize) Reinsertion::run(top, 1);
     return join(top, depth, out);

@@ -32,10 +32,8 @@ struct Upkeep {
 // as those of clusters and of many surfaces do.
 inline bool leaves_room(const Part& part) {
   if (part.is_point()) return true;
-  const Grid grid(part.centers, part.size);
-  std::vector<u32> cells(grid.count());
-  for (size_t i = 0; i < part.size; ++i) ++cells[grid.cell_of(part.refs[i])];
-  return crowded(cells, part.size, kCrowdOfAll, [](u32 count) { return count; });
+  return crowded(Grid(part.centers, part.size), part.size, 1, kCrowdOfAll,
+                 [&](size_t i) -> const Ref& { return part.refs[i]; });
 }
 
 // A node costs a share of what rays pay for the uppermost of its part, a leaf one of the surface of

@@ -93,6 +93,14 @@ bool crowded(const std::vector<Cell>& cells, size_t n, size_t times, const Count
   return 2 * crowd > n;
 }
 
+// The same of n primitives, of which every `step`th is looked at: ref_of(i).
+template <class RefOf>
+bool crowded(const Grid& grid, size_t n, size_t step, size_t times, const RefOf& ref_of) {
+  std::vector<u32> cells(grid.count());
+  for (size_t i = 0; i < n; i += step) ++cells[grid.cell_of(ref_of(i))];
+  return crowded(cells, (n - 1) / step + 1, times, [](u32 count) { return count; });
+}
+
 // Divides cells in two of the least expected cost, of which the second goes to `right`.
 inline bool split(const Grid& grid, const std::vector<Bin>& bins, Cells& left, Cells& right) {
   std::vector<Bin> slab[3];

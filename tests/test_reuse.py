@@ -340,7 +340,7 @@ LEFT = {"smooth": 0.9, "deep": 0.9, "ggx": 0.33, "beckmann": 0.35, "principled":
 
 @pytest.mark.parametrize("kind", GLOSSY)
 def test_the_light_of_glossy_walls_is_shared_and_means_stay(kind: str) -> None:
-    # ggx and beckmann are nearest to their bounds, of which fewer pictures would be too sure
+    # ggx and beckmann are nearest to their bounds, past which fewer pictures may be by chance
     count = 40 if LEFT.get(kind, 0.75) < 0.37 else 26
     alone, shared = means_of_parts(room(False, GLOSSY[kind]), count, max_depth=5)
     gap = shared - alone
