@@ -5,12 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <vector>
 
 #include "../core/compiler.h"
 #include "partition.h"
 #include "sah.h"
-#include "tasks.h"
 
 namespace parhelion::tree {
 
@@ -18,15 +16,6 @@ namespace parhelion::tree {
 inline constexpr size_t kBins = 16, kFewForBins = 64;
 // Parts of fewer primitives are divided by bins, which are finer than grids.
 inline constexpr size_t kGridSize = 2048;
-
-// Calls f(first, count) for [0, n), some at a time: where these go is worked out before any is
-// added to its bin. A processor that has not yet worked out where it stores something holds back
-// what it reads from bins, or reads too early and begins again.
-inline constexpr size_t kSome = 16;
-template <class F>
-void for_some(size_t n, const F& f) {
-  for (size_t first = 0; first < n; first += kSome) f(first, std::min(kSome, n - first));
-}
 
 struct Part {
   Ref* refs;
@@ -97,12 +86,6 @@ struct Bins {
     });
   }
 
-  void grow(const Bin (&more)[3][kCount]) {
-    for (int k = 0; k < 3; ++k) {
-      for (size_t b = 0; b < kCount; ++b) bins[k][b].grow(more[k][b]);
-    }
-  }
-
   // The plane of the least expected cost between them.
   Plane best() const {
     Plane best;
@@ -114,14 +97,8 @@ struct Bins {
         best = {k, low[k], scale[k], static_cast<int>(kCount) - 1, static_cast<int>(cut), 0, c};
       }
     }
-    best.count = count_before(best);
+    for (int b = 0; b < best.bin; ++b) best.count += bins[best.axis][b].count;
     return best;
-  }
-
-  size_t count_before(const Plane& plane) const {
-    size_t count = 0;
-    for (int b = 0; b < plane.bin; ++b) count += bins[plane.axis][b].count;
-    return count;
   }
 };
 
@@ -196,52 +173,6 @@ inline void split(const Part& p, Part& left, Part& right) {
   }
   split(p, plane, left, right);
   fill_leaves(p, plane.axis, left, right);
-}
-
-// The same of a large part by tasks of a parallel region, one for so many primitives or more: both
-// halves lie in `to` then, each in the order that it had. False where no plane divides it.
-inline constexpr size_t kBinnedATask = 4096, kMostBinned = 64;
-PH_APART inline bool split_by_tasks(const Part& p, Ref* to, Part& left, Part& right) {
-  const size_t tasks = std::min(p.size / kBinnedATask, kMostBinned);
-  const auto start = [&](size_t task) { return p.size * task / tasks; };
-  std::vector<Bins<kBins>> bins(tasks, Bins<kBins>(p.centers));
-  do_each(tasks, [&](size_t t) { bins[t].fill(p.refs + start(t), start(t + 1) - start(t)); });
-  Bins<kBins> all = bins[0];
-  for (size_t t = 1; t < tasks; ++t) all.grow(bins[t].bins);
-  const Plane plane = all.best();
-  if (plane.axis < 0) return false;
-  struct Halves {
-    Ref *left, *right;
-    Part made[2];
-  };
-  // Where each task's primitives go is known, as bins and plane agree about each to the bit.
-  std::vector<Halves> halves(tasks);
-  Ref *next_left = to, *next_right = to + plane.count;
-  for (size_t t = 0; t < tasks; ++t) {
-    halves[t] = {next_left, next_right, {}};
-    const size_t before = bins[t].count_before(plane);
-    next_left += before;
-    next_right += start(t + 1) - start(t) - before;
-  }
-  do_each(tasks, [&](size_t t) {
-    Halves& h = halves[t];
-    Ref *l = h.left, *r = h.right;
-    for (const Ref *from = p.refs + start(t), *end = p.refs + start(t + 1); from != end; ++from) {
-      const bool before = plane.before(*from);
-      *(before ? l : r) = *from;
-      l += before;
-      r += !before;
-    }
-    h.made[0] = measure(h.left, static_cast<size_t>(l - h.left));
-    h.made[1] = measure(h.right, static_cast<size_t>(r - h.right));
-  });
-  left = {to, plane.count, {}, {}};
-  right = {to + plane.count, p.size - plane.count, {}, {}};
-  for (const Halves& h : halves) {
-    left.grow(h.made[0]);
-    right.grow(h.made[1]);
-  }
-  return true;
 }
 
 }  // namespace parhelion::tree

@@ -30,6 +30,7 @@
 #include "array.h"
 #include "bins.h"
 #include "boxes.h"
+#include "cell_sort.h"
 #include "grid.h"
 #include "memory.h"
 #include "order.h"
@@ -286,8 +287,8 @@ class TreeBuilder {
       jobs_.push_back(all);
       return;
     }
-    if (!divide<true>(all.refs, all.spare, count_, whole.centers, 0, kJobSize, kCrowdOfAll, top_,
-                      below)) {
+    if (!divide<ByAllThreads>(all.refs, all.spare, count_, whole.centers, 0, kJobSize, kCrowdOfAll,
+                              top_, below)) {
       uneven_.emplace_back(all, whole);
       return;
     }
@@ -314,8 +315,8 @@ class TreeBuilder {
     measured.refs = part.refs;
     const size_t node = top_.size();
     std::vector<Open> below;
-    if (divide<true>(part.refs, part.spare, part.size, measured.centers, part.depth, 0, kCrowd,
-                     top_, below)) {
+    if (divide<ByAllThreads>(part.refs, part.spare, part.size, measured.centers, part.depth, 0,
+                             kCrowd, top_, below)) {
       link(part, node);
       for (const Open& o : below) add(within(part, o));
     } else if (measured.is_point()) {
@@ -516,8 +517,8 @@ class TreeBuilder {
     Array<u32> sorted(part.size);
     std::vector<Open> below;
     const size_t node = top_.size();
-    if (!divide<true>(ids, sorted.data(), part.size, centers, part.depth, kJobSize, 0, top_,
-                      below)) {
+    if (!divide<ByAllThreads>(ids, sorted.data(), part.size, centers, part.depth, kJobSize, 0, top_,
+                              below)) {
       return false;
     }
     link(part, node);
@@ -544,8 +545,8 @@ class TreeBuilder {
   // The nodes over `items`, which go to `sorted` by what is below: primitives or numbers of these.
   // The first node is the uppermost. A part of no more than `enough` is not divided. False, where
   // all centres are one, where most lie in cells that have `crowd` times the usual number, unless
-  // that is 0, or the tree is so deep that its depth must be bounded. threads: all of them, or one.
-  template <bool threads, class Item>
+  // that is 0, or the tree is so deep that its depth must be bounded.
+  template <class Share, class Item>
   bool divide(const Item* items, Item* sorted, size_t n, const Extent& centers, int depth,
               size_t enough, size_t crowd, std::vector<Node>& nodes,
               std::vector<Open>& below) const {
@@ -558,67 +559,16 @@ class TreeBuilder {
         crowded(grid, n, kSampled, 2 * crowd, [&](size_t i) { return ref_of(items[i]); })) {
       return false;
     }
-    // A chunk has as many primitives as there are cells, or more: to clear and sum its bins takes
-    // as long as to fill them. So of 262,144 primitives and fewer there are some eight.
-    const size_t chunks =
-        threads ? std::clamp(n / cells, size_t{1}, static_cast<size_t>(omp_get_max_threads())) : 1;
-    const auto start = [&](size_t chunk) { return n * chunk / chunks; };
-    Array<std::uint16_t> cell_of(n);
-    std::vector<std::vector<Bin>> bins(chunks);
-    MemoryGuard guard;
-#pragma omp parallel for schedule(static, 1) if (threads)
-    for (size_t t = 0; t < chunks; ++t) guard.run([&] { bins[t].resize(cells); });
-    guard.check();
-#pragma omp parallel for schedule(static, 1) if (threads)
-    for (size_t t = 0; t < chunks; ++t) {
-      const size_t from = start(t);
-      for_some(start(t + 1) - from, [&](size_t first, size_t count) {
-        Ref room[kSome];
-        const Ref* const some = refs_of(items + from + first, count, room);
-        std::uint16_t* const at = cell_of.data() + from + first;
-        for (size_t i = 0; i < count; ++i) {
-          at[i] = static_cast<std::uint16_t>(grid.cell_of(some[i]));
-        }
-        for (size_t i = 0; i < count; ++i) bins[t][at[i]].add(some[i]);
-      });
+    const CellSort<Share> sort(grid, n, [&](size_t first, size_t count, Ref* room) {
+      return refs_of(items + first, count, room);
+    });
+    if (crowd > 0 && crowded(sort.bins(), n, crowd, [](const Bin& b) { return b.count; })) {
+      return false;
     }
-    std::vector<Bin> merged;
-    const std::vector<Bin>* total = &bins[0];
-    if (chunks > 1) {
-      merged.resize(cells);
-#pragma omp parallel for schedule(static)
-      for (size_t c = 0; c < cells; ++c) {
-        for (const std::vector<Bin>& some : bins) merged[c].grow(some[c]);
-      }
-      total = &merged;
-    }
-
-    if (crowd > 0 && crowded(*total, n, crowd, [](const Bin& b) { return b.count; })) return false;
-    Cells all{{0, 0, 0}, {grid.size[0], grid.size[1], grid.size[2]}, {}, false};
-    for (const Bin& b : *total) all.sum.grow(b);
     std::vector<std::uint16_t> part_of(cells);
-    node_over(grid, *total, all, depth, enough, nodes, below, part_of);
-
-    std::vector<std::vector<size_t>> next(chunks, std::vector<size_t>(below.size()));
-#pragma omp parallel for schedule(static, 1) if (threads)
-    for (size_t t = 0; t < chunks; ++t) {
-      for (size_t c = 0; c < cells; ++c) next[t][part_of[c]] += bins[t][c].count;
-    }
-    size_t first = 0;
-    for (size_t p = 0; p < below.size(); ++p) {
-      below[p].first = first;
-      for (size_t t = 0; t < chunks; ++t) {
-        const size_t size = next[t][p];
-        next[t][p] = first;
-        first += size;
-      }
-    }
-#pragma omp parallel for schedule(static, 1) if (threads)
-    for (size_t t = 0; t < chunks; ++t) {
-      for (size_t i = start(t), end = start(t + 1); i < end; ++i) {
-        sorted[next[t][part_of[cell_of[i]]]++] = items[i];
-      }
-    }
+    node_over(grid, sort.bins(), all_of(grid, sort.bins()), depth, enough, nodes, below, part_of);
+    const std::vector<size_t> begin = sort.move(items, sorted, below.size(), part_of);
+    for (size_t p = 0; p < below.size(); ++p) below[p].first = begin[p];
     return true;
   }
 
@@ -638,13 +588,7 @@ class TreeBuilder {
         nodes[index].child[i] = made;
         continue;
       }
-      for (u32 z = c.low[2]; z < c.high[2]; ++z) {
-        for (u32 y = c.low[1]; y < c.high[1]; ++y) {
-          for (u32 x = c.low[0]; x < c.high[0]; ++x) {
-            part_of[grid.index(x, y, z)] = static_cast<std::uint16_t>(below.size());
-          }
-        }
-      }
+      set_part(grid, c, below.size(), part_of);
       below.push_back({0, c.sum.count, depth + 1, index, i});
     }
     return static_cast<Child>(index);
@@ -669,7 +613,7 @@ class TreeBuilder {
     if (n > kGridSize) {
       const size_t index = out.nodes.size();
       std::vector<Open> below;
-      if (divide<false>(refs, spare, n, part.centers, depth, 0, kCrowd, out.nodes, below)) {
+      if (divide<ByOneThread>(refs, spare, n, part.centers, depth, 0, kCrowd, out.nodes, below)) {
         for (const Open& o : below) {
           const Child c = subtree(spare + o.first, refs + o.first, o.size, o.depth, out);
           out.nodes[o.node].child[o.lane] = c;

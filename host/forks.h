@@ -20,8 +20,6 @@ inline constexpr int kMostForks = 64;
 constexpr size_t forks_over(size_t primitives) { return primitives * 9 / 64 + 1; }
 // Forks over so many primitives, or fewer, are one thread's.
 inline constexpr size_t kForksATask = 4096;
-// What has more is divided by several.
-inline constexpr size_t kSplitByTasks = 16384;
 
 // What a node and a leaf cost, however seldom rays visit them, in units of surface.
 struct Upkeep {

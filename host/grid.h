@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "sah.h"
@@ -80,6 +81,24 @@ struct Cells {
     return size_t{high[0] - low[0]} * (high[1] - low[1]) * (high[2] - low[2]);
   }
 };
+
+inline Cells all_of(const Grid& grid, const std::vector<Bin>& bins) {
+  Cells all{{0, 0, 0}, {grid.size[0], grid.size[1], grid.size[2]}, {}, false};
+  for (const Bin& b : bins) all.sum.grow(b);
+  return all;
+}
+
+// Says of each of the cells which part it belongs to.
+inline void set_part(const Grid& grid, const Cells& cells, size_t part,
+                     std::vector<std::uint16_t>& part_of) {
+  for (u32 z = cells.low[2]; z < cells.high[2]; ++z) {
+    for (u32 y = cells.low[1]; y < cells.high[1]; ++y) {
+      for (u32 x = cells.low[0]; x < cells.high[0]; ++x) {
+        part_of[grid.index(x, y, z)] = static_cast<std::uint16_t>(part);
+      }
+    }
+  }
+}
 
 // Most of n primitives, of which each cell has count(cell), lie in cells of so many times the usual
 // number: a grid of their own would still tell them poorly apart.

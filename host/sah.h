@@ -3,6 +3,7 @@
 // Method: J. D. MacDonald and K. S. Booth, "Heuristics for Ray Tracing using Space Subdivision",
 // The Visual Computer 6(3), 1990.
 #pragma once
+#include <algorithm>
 #include <cstddef>
 #include <vector>
 
@@ -24,6 +25,15 @@ struct Bin {
     count += b.count;
   }
 };
+
+// Calls f(first, count) for [0, n), some at a time: where these go is worked out before any is
+// added to its bin. A processor that has not yet worked out where it stores something holds back
+// what it reads from bins, or reads too early and begins again.
+inline constexpr size_t kSome = 16;
+template <class F>
+void for_some(size_t n, const F& f) {
+  for (size_t first = 0; first < n; first += kSome) f(first, std::min(kSome, n - first));
+}
 
 inline float cost(const Extent& box, size_t count) {
   return box.half_area() * static_cast<float>((count + kLeafSize - 1) / kLeafSize);

@@ -1,8 +1,11 @@
 // The forks of a large part, made by all threads of a parallel region.
 #pragma once
+#include <cstdint>
 #include <deque>
 #include <mutex>
+#include <vector>
 
+#include "cell_sort.h"
 #include "memory.h"
 #include "reinsert.h"
 #include "tasks.h"
@@ -13,7 +16,9 @@ class SharedForks {
  public:
   // Threads that have nothing else to do help; all are there at the region's next barrier. spare:
   // room for as many primitives as the part has.
-  void begin(const Part& part, Ref* spare) { grow(part, spare, 0, nullptr, &top_); }
+  void begin(const Part& part, Ref* spare) {
+    guard_.run([&] { grow(part, {spare, 0, nullptr, &top_}); });
+  }
   // After that barrier. Throws if there was no memory.
   const Fork& finish() {
     guard_.check();
@@ -25,36 +30,102 @@ class SharedForks {
   // Of what is above parts of kForksATask, or changed by moves there: it costs its surface alone. A
   // share of that of the whole box would be more than all nodes of a model that is a speck in it.
   static constexpr Upkeep kAbove = {0.0f, 0.0f};
+  // A task measures so many primitives.
+  static constexpr size_t kMeasured = 16384;
 
-  // A thread goes on with left halves, and waits for no right ones: while it did, it could take no
-  // tasks but those that it had made itself.
-  void grow(Part part, Ref* spare, int levels, Fork* parent, Fork** place) {
-    guard_.run([&] {
-      for (; part.size > kForksATask; ++levels) {
-        Fork& f = add_room(0).add(part, kAbove);
-        f.cost[0] = Fork::kUnknown;
-        f.parent = parent;
-        *place = &f;
-        Part left, right;
-        Ref* rest = spare;
-        if (part.size > kSplitByTasks && levels < kMostForks &&
-            split_by_tasks(part, spare, left, right)) {
-          rest = part.refs;
-          f.refs = nullptr;  // they have moved, and halves use their place, too
-        } else {
-          halve(part, levels, left, right);
-        }
-        do_later([this, &f, right, room = rest + left.size, levels] {
-          grow(right, room, levels + 1, &f, &f.right);
-        });
-        part = left, spare = rest, parent = &f, place = &f.left;
-      }
+  // Where a part's forks go, and room for as many primitives as it has.
+  struct Place {
+    Ref* spare;
+    int levels;
+    Fork* parent;
+    Fork** link;
+  };
+  // A part that is made of cells, before its primitives are brought there.
+  struct Below {
+    size_t size;
+    Place place;
+  };
+
+  // What is larger than a task is divided, and all parts of it are left to whoever has time: nobody
+  // waits for a part that another makes.
+  void grow(const Part& part, const Place& place) {
+    if (part.size <= kForksATask) {
       const Upkeep upkeep = upkeep_of(part, leaves_room(part));
-      Fork& f = fork(part, upkeep, levels, add_room(part.size));
+      Fork& f = fork(part, upkeep, place.levels, add_room(part.size));
       Reinsertion::run(f, 1);
-      f.parent = parent;
-      *place = &f;
+      put(f, place);
+    } else if (place.levels >= kMostForks || !grow_by_cells(part, place)) {
+      Part left, right;
+      halve(part, place.levels, left, right);
+      Fork& f = add_above(part.size, part.box, place);
+      const Place by_left = {place.spare, place.levels + 1, &f, &f.left};
+      const Place by_right = {place.spare + left.size, place.levels + 1, &f, &f.right};
+      later([=, this] { grow(left, by_left); });
+      later([=, this] { grow(right, by_right); });
+    }
+  }
+
+  // By planes between the cells of a grid, as long as these are fine beside what is divided. False
+  // where all is in one cell.
+  bool grow_by_cells(const Part& part, const Place& place) {
+    const Grid grid(part.centers, part.size);
+    const CellSort<ByTasks> sort(grid, part.size,
+                                 [&](size_t first, size_t, Ref*) { return part.refs + first; });
+    std::vector<std::uint16_t> part_of(grid.count());
+    std::vector<Below> below;
+    divide(grid, sort.bins(), all_of(grid, sort.bins()), place, part_of, below);
+    if (below.size() < 2) return false;
+    const std::vector<size_t> begin = sort.move(part.refs, place.spare, below.size(), part_of);
+    for (size_t p = 0; p < below.size(); ++p) {
+      below[p].place.spare = part.refs + begin[p];
+      later([this, from = place.spare + begin[p], b = below[p]] {
+        grow(measure_by_tasks(from, b.size), b.place);
+      });
+    }
+    return true;
+  }
+  void divide(const Grid& grid, const std::vector<Bin>& bins, const Cells& cells,
+              const Place& place, std::vector<std::uint16_t>& part_of, std::vector<Below>& below) {
+    Cells left = cells, right;
+    if (cells.sum.count > kForksATask && cells.cells() >= kCellsANode &&
+        place.levels < kMostForks && split(grid, bins, left, right)) {
+      Fork& f = add_above(cells.sum.count, cells.sum.box, place);
+      divide(grid, bins, left, {nullptr, place.levels + 1, &f, &f.left}, part_of, below);
+      divide(grid, bins, right, {nullptr, place.levels + 1, &f, &f.right}, part_of, below);
+    } else {
+      set_part(grid, cells, below.size(), part_of);
+      below.push_back({cells.sum.count, place});
+    }
+  }
+
+  static Part measure_by_tasks(Ref* refs, size_t n) {
+    const size_t tasks = (n + kMeasured - 1) / kMeasured;
+    if (tasks == 1) return measure(refs, n);
+    std::vector<Part> parts(tasks);
+    ByTasks()(tasks, [&](size_t t) {
+      const size_t from = n * t / tasks, to = n * (t + 1) / tasks;
+      parts[t] = measure(refs + from, to - from);
     });
+    Part all{refs, n, {}, {}};
+    for (const Part& p : parts) all.grow(p);
+    return all;
+  }
+
+  template <class F>
+  void later(const F& f) {
+    do_later([this, f] { guard_.run(f); });
+  }
+
+  // Apart from what is below it.
+  Fork& add_above(size_t size, const Extent& box, const Place& place) {
+    Fork& f = add_room(0).add({nullptr, size, box, {}}, kAbove);
+    f.cost[0] = Fork::kUnknown;
+    put(f, place);
+    return f;
+  }
+  static void put(Fork& f, const Place& place) {
+    f.parent = place.parent;
+    *place.link = &f;
   }
 
   ForkRoom& add_room(size_t primitives) {

@@ -1,4 +1,5 @@
-// Work that the threads of a parallel region share as they find time.
+// Ways to share f(0) to f(n - 1) out to threads; and tasks, which those of a parallel region do as
+// they find time.
 #pragma once
 #include <cstddef>
 
@@ -16,11 +17,32 @@ PH_MAKES_TASKS void do_later(F f) {
   f();
 }
 
-// f(0) to f(n - 1), a task each, done when it returns.
-template <class F>
-PH_MAKES_TASKS void do_each(size_t n, const F& f) {
+struct ByOneThread {
+  static constexpr bool kShares = false;
+  template <class F>
+  void operator()(size_t n, const F& f) const {
+    for (size_t i = 0; i < n; ++i) f(i);
+  }
+};
+
+// Outside of a parallel region.
+struct ByAllThreads {
+  static constexpr bool kShares = true;
+  template <class F>
+  void operator()(size_t n, const F& f) const {
+#pragma omp parallel for schedule(static, 1)
+    for (size_t i = 0; i < n; ++i) f(i);
+  }
+};
+
+// Within one, a task each, all done when it returns.
+struct ByTasks {
+  static constexpr bool kShares = true;
+  template <class F>
+  PH_MAKES_TASKS void operator()(size_t n, const F& f) const {
 #pragma omp taskloop grainsize(1) shared(f)
-  for (size_t i = 0; i < n; ++i) f(i);
-}
+    for (size_t i = 0; i < n; ++i) f(i);
+  }
+};
 
 }  // namespace parhelion

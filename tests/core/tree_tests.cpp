@@ -10,9 +10,12 @@
 
 #include "../../core/traverse.h"
 #include "../../host/bins.h"
+#include "../../host/cell_sort.h"
 #include "../../host/order.h"
 #include "../../host/partition.h"
 #include "../../host/reinsert.h"
+#include "../../host/shared_forks.h"
+#include "../../host/tasks.h"
 #include "../../host/tree_cost.h"
 #include "check.h"
 #include "cloud.h"
@@ -99,45 +102,60 @@ void partitions_keep_their_order() {
   }
 }
 
-// The same halves as by one thread, each in the order that it had. Of boxes about one point there
-// are none.
-void several_threads_divide_as_one_does() {
-  const auto alike = [](const Extent& a, const Extent& b) {
-    const Aabb one = a.box(), other = b.box();
-    return std::memcmp(&one, &other, sizeof one) == 0;
-  };
-  for (const size_t n : {size_t{20000}, size_t{100003}, size_t{600000}}) {
-    std::vector<Ref> refs(n), spare(n);
-    for (u32 i = 0; i < n; ++i) {
-      for (u32 k = 0; k < 3; ++k) {
-        const float at =
-            static_cast<float>(static_cast<u32>(baseline::mix(3 * i + k)) >> 8) * 0x1p-24f;
-        refs[i].low[k] = at * at * at, refs[i].high[k] = refs[i].low[k] + 1e-3f * at;
-      }
-      refs[i].id = i;
+// Primitives in cubes of ever smaller sides, so that most are in few cells of a grid.
+std::vector<Ref> uneven_boxes(size_t n) {
+  std::vector<Ref> refs(n);
+  for (u32 i = 0; i < n; ++i) {
+    for (u32 k = 0; k < 3; ++k) {
+      const float at = static_cast<float>(baseline::mix(3 * i + k) >> 40) * 0x1p-24f;
+      refs[i].low[k] = at * at * at, refs[i].high[k] = refs[i].low[k] + 1e-3f * at;
     }
-    const std::vector<Ref> before = refs;
-    tree::Part left, right, one_left, one_right;
-    const tree::Part whole = tree::measure(refs.data(), n);
-    bool divided = false;
-#pragma omp parallel num_threads(3)
-#pragma omp single
-    divided = tree::split_by_tasks(whole, spare.data(), left, right);
-    CHECK(divided && left.refs == spare.data() && right.refs == spare.data() + left.size);
-    tree::split(whole, one_left, one_right);
-    CHECK(left.size == one_left.size && right.size == one_right.size && left.size > 0);
-    CHECK(alike(left.box, one_left.box) && alike(left.centers, one_left.centers));
-    CHECK(alike(right.box, one_right.box) && alike(right.centers, one_right.centers));
-    std::vector<bool> is_left(n, false);
-    for (size_t i = 0; i < left.size; ++i) is_left[one_left.refs[i].id] = true;
-    size_t next_left = 0, next_right = left.size;
-    for (u32 i = 0; i < n; ++i) {
-      CHECK(std::memcmp(&spare[is_left[i] ? next_left++ : next_right++], &before[i], sizeof(Ref)) ==
-            0);
-    }
-    const Extent point = tree::measure(refs.data(), 1).centers;
-    CHECK(!tree::split_by_tasks({refs.data(), n, whole.box, point}, spare.data(), left, right));
+    refs[i].id = i;
   }
+  return refs;
+}
+
+// By all threads, and by tasks, as by one: the same bins, and parts in the order of their
+// primitives.
+void several_threads_sort_as_one_does() {
+  omp_set_num_threads(3);
+  for (const size_t n : {size_t{5000}, size_t{100003}, size_t{600000}}) {
+    std::vector<Ref> refs = uneven_boxes(n), sorted(n);
+    const tree::Part whole = tree::measure(refs.data(), n);
+    const tree::Grid grid(whole.centers, n);
+    const auto where_they_are = [&](size_t first, size_t, Ref*) { return &refs[first]; };
+    std::vector<tree::Bin> bins(grid.count());
+    for (const Ref& r : refs) bins[grid.cell_of(r)].add(r);
+    constexpr size_t kParts = 100;
+    std::vector<std::uint16_t> part_of(grid.count());
+    for (size_t c = 0; c < part_of.size(); ++c) part_of[c] = baseline::mix(c) % kParts;
+    std::vector<Ref> expected = refs;
+    std::stable_sort(expected.begin(), expected.end(), [&](const Ref& a, const Ref& b) {
+      return part_of[grid.cell_of(a)] < part_of[grid.cell_of(b)];
+    });
+    const auto check = [&]<class Share>(const tree::CellSort<Share>& sort) {
+      bool alike = true;
+      for (size_t c = 0; c < bins.size(); ++c) {
+        const Aabb one = bins[c].box.box(), other = sort.bins()[c].box.box();
+        alike = alike && bins[c].count == sort.bins()[c].count &&
+                std::memcmp(&one, &other, sizeof one) == 0;
+      }
+      CHECK(alike);
+      std::fill(sorted.begin(), sorted.end(), Ref{});
+      const std::vector<size_t> begin = sort.move(refs.data(), sorted.data(), kParts, part_of);
+      CHECK(std::memcmp(sorted.data(), expected.data(), n * sizeof(Ref)) == 0);
+      for (size_t p = 0; p < kParts; ++p) {
+        CHECK(begin[p] == n || part_of[grid.cell_of(sorted[begin[p]])] >= p);
+        CHECK(begin[p] == 0 || part_of[grid.cell_of(sorted[begin[p] - 1])] < p);
+      }
+    };
+    check(tree::CellSort<ByOneThread>(grid, n, where_they_are));
+    check(tree::CellSort<ByAllThreads>(grid, n, where_they_are));
+#pragma omp parallel
+#pragma omp single
+    check(tree::CellSort<ByTasks>(grid, n, where_they_are));
+  }
+  omp_set_num_threads(omp_get_num_procs());
 }
 
 // Of a fork and all below it: the surface of those with halves; each has the box and the number of
@@ -180,6 +198,49 @@ void costs_are_the_least(const tree::Fork& f) {
   }
   costs_are_the_least(*f.left);
   costs_are_the_least(*f.right);
+}
+
+// Two forks, and all below them.
+bool alike(const tree::Fork& a, const tree::Fork& b) {
+  const Aabb one = a.box.box(), other = b.box.box();
+  if (a.size != b.size || std::memcmp(&one, &other, sizeof one) != 0) return false;
+  if (!a.left || !b.left) return a.left == b.left;
+  return alike(*a.left, *b.left) && alike(*a.right, *b.right);
+}
+
+// Of most in few cells of a grid; of all in two places, between which there is one plane; of all in
+// one. The same by one thread and by three, with each primitive in one place.
+void shared_forks_hold_all() {
+  constexpr u32 kCount = 60000;
+  for (const u32 places : {kCount, 2u, 1u}) {
+    std::vector<Ref> refs[2] = {uneven_boxes(kCount), uneven_boxes(kCount)}, spare(kCount);
+    std::unique_ptr<tree::SharedForks> forks[2];
+    const tree::Fork* top[2];
+    for (const int threads : {1, 3}) {
+      std::vector<Ref>& mine = refs[threads / 3];
+      for (u32 i = 0; i < kCount; ++i) {
+        const Ref& at = mine[i % places];
+        for (u32 k = 0; k < 3; ++k) mine[i].low[k] = at.low[k], mine[i].high[k] = at.high[k];
+      }
+      std::unique_ptr<tree::SharedForks>& made = forks[threads / 3];
+      made = std::make_unique<tree::SharedForks>();
+      const tree::Part whole = tree::measure(mine.data(), kCount);
+#pragma omp parallel num_threads(threads)
+#pragma omp single
+      made->begin(whole, spare.data());
+      top[threads / 3] = &made->finish();
+      std::vector<bool> seen(kCount, false);
+      surface_below(*top[threads / 3], seen);
+      CHECK(std::find(seen.begin(), seen.end(), false) == seen.end());
+      CHECK(top[threads / 3]->size == kCount && !top[threads / 3]->parent);
+      costs_are_the_least(*top[threads / 3]);
+      if (places == 2) {
+        const tree::Fork &f = *top[threads / 3], &a = *f.left, &b = *f.right;
+        CHECK(a.box.half_area() + b.box.half_area() < 0.5f * f.box.half_area());
+      }
+    }
+    CHECK(alike(*top[0], *top[1]));
+  }
 }
 
 // Small boxes above and below, and a few that span everything, which cuts leave among those.
@@ -382,7 +443,8 @@ void hard_cases_build() {
 int main() {
   trees_cost_what_lines_meet();
   partitions_keep_their_order();
-  several_threads_divide_as_one_does();
+  several_threads_sort_as_one_does();
+  shared_forks_hold_all();
   forks_go_where_they_cost_less();
   parts_fill_their_boxes_or_not();
   leaves_become_two_where_that_costs_less();
