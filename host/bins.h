@@ -127,6 +127,30 @@ inline void split_by_count(const Part& p, Part& left, Part& right) {
   right = measure(p.refs + cut, p.size - cut);
 }
 
+// Brings those of a half, fewer than a leaf holds, that lie next to the cut to its side: the last
+// ones along an axis to the end of a left half, the first ones to the beginning of a right one.
+inline void bring_to_cut(const Part& half, bool left, int axis, size_t count) {
+  struct Near {
+    float along;  // more is nearer
+    Ref* at;
+  };
+  Near found[kLeafSize];  // the nearest first
+  size_t n = 0;
+  for (Ref* r = half.refs; r != half.refs + half.size; ++r) {
+    const float center = center_of(*r, axis);
+    const Near near = {left ? center : -center, r};
+    if (n == count && !(near.along > found[n - 1].along)) continue;  // nearly all
+    size_t i = n < count ? n++ : n - 1;
+    for (; i > 0 && near.along > found[i - 1].along; --i) found[i] = found[i - 1];
+    found[i] = near;
+  }
+  // So that none is where another has been brought to.
+  std::sort(found, found + n,
+            [&](const Near& a, const Near& b) { return left ? a.at > b.at : a.at < b.at; });
+  Ref* const first = left ? half.refs + half.size - 1 : half.refs;
+  for (size_t i = 0; i < n; ++i) std::swap(*found[i].at, left ? *(first - i) : first[i]);
+}
+
 // Moves the cut to where one block fewer is needed, unless that costs more; primitives whose
 // centres are one stay together.
 inline void fill_leaves(const Part& p, int axis, Part& left, Part& right) {
@@ -138,13 +162,19 @@ inline void fill_leaves(const Part& p, int axis, Part& left, Part& right) {
   if (cut == 0) cut = over;
   if (cut == p.size) cut = below;
   if (cut == 0 || cut == p.size) return;
-  Ref* const from = cut < left.size ? left.refs : right.refs;
-  Ref* const to = cut < left.size ? right.refs : p.refs + p.size;
-  std::nth_element(from, p.refs + cut, to, [axis](const Ref& a, const Ref& b) {
-    return center_of(a, axis) < center_of(b, axis) ||
-           (center_of(a, axis) == center_of(b, axis) && a.id < b.id);
-  });
-  const Part full_left = measure(p.refs, cut), full_right = measure(p.refs + cut, p.size - cut);
+  Part full_left = left, full_right = right;
+  if (cut < left.size) {
+    bring_to_cut(left, true, axis, left.size - cut);
+    full_left = measure(p.refs, cut);
+    full_right.grow(measure(p.refs + cut, left.size - cut));
+  } else {
+    bring_to_cut(right, false, axis, cut - left.size);
+    full_left.grow(measure(right.refs, cut - left.size));
+    full_right = measure(p.refs + cut, p.size - cut);
+  }
+  full_left.size = cut;
+  full_right.refs = p.refs + cut;
+  full_right.size = p.size - cut;
   float high[4], low[4];
   full_left.centers.high.store(high);
   full_right.centers.low.store(low);
