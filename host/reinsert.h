@@ -26,13 +26,31 @@ class Reinsertion {
   // looked for before any is moved, and looked for again only for those that had one then.
   static void run_together(Fork& top, int turns) {
     Reinsertion r(top);
-    for (int turn = 0; turn < turns; ++turn) {
-      const std::vector<Fork*> tried = r.largest();
-      for (size_t first = 0; first < tried.size(); first += kTogether) {
-        const size_t count = std::min(kTogether, tried.size() - first);
-        for (Fork* f : r.with_a_place(&tried[first], count)) r.move(*f);
+    std::vector<Fork*> tried;
+    bool has_place[kTogether] = {};
+    MemoryGuard guard;
+#pragma omp parallel
+    {
+      Room room;
+      for (int turn = 0; turn < turns; ++turn) {
+#pragma omp single
+        guard.run([&] { tried = r.largest(); });
+        for (size_t first = 0; first < tried.size(); first += kTogether) {
+          const size_t count = std::min(kTogether, tried.size() - first);
+#pragma omp for schedule(dynamic, 1)
+          for (size_t i = 0; i < count; ++i) {
+            guard.run([&] { has_place[i] = r.place_for(*tried[first + i], room) != nullptr; });
+          }
+#pragma omp single
+          for (size_t i = 0; i < count; ++i) {
+            guard.run([&] {
+              if (has_place[i]) r.move(*tried[first + i]);
+            });
+          }
+        }
       }
     }
+    guard.check();
     reweigh(top);
   }
 
@@ -84,24 +102,6 @@ class Reinsertion {
       if (f->parent != &top_) found.push_back(f);
       if (f->left) add(f->left), add(f->right);
     }
-    return found;
-  }
-
-  std::vector<Fork*> with_a_place(Fork* const* tried, size_t count) const {
-    std::vector<Fork*> found(count, nullptr);
-    MemoryGuard guard;
-#pragma omp parallel
-    {
-      Room room;
-#pragma omp for schedule(dynamic, 1)
-      for (size_t i = 0; i < count; ++i) {
-        guard.run([&] {
-          if (place_for(*tried[i], room)) found[i] = tried[i];
-        });
-      }
-    }
-    guard.check();
-    found.erase(std::remove(found.begin(), found.end(), nullptr), found.end());
     return found;
   }
 

@@ -30,8 +30,8 @@ class SharedForks {
   // Of what is above parts of kForksATask, or changed by moves there: it costs its surface alone. A
   // share of that of the whole box would be more than all nodes of a model that is a speck in it.
   static constexpr Upkeep kAbove = {0.0f, 0.0f};
-  // A task measures so many primitives.
-  static constexpr size_t kMeasured = 16384;
+  // A task measures so many primitives, and a fork is made of no fewer cells.
+  static constexpr size_t kMeasured = 16384, kCellsAFork = 256;
 
   // Where a part's forks go, and room for as many primitives as it has.
   struct Place {
@@ -87,7 +87,7 @@ class SharedForks {
   void divide(const Grid& grid, const std::vector<Bin>& bins, const Cells& cells,
               const Place& place, std::vector<std::uint16_t>& part_of, std::vector<Below>& below) {
     Cells left = cells, right;
-    if (cells.sum.count > kForksATask && cells.cells() >= kCellsANode &&
+    if (cells.sum.count > kForksATask && cells.cells() >= kCellsAFork &&
         place.levels < kMostForks && split(grid, bins, left, right)) {
       Fork& f = add_above(cells.sum.count, cells.sum.box, place);
       divide(grid, bins, left, {nullptr, place.levels + 1, &f, &f.left}, part_of, below);
