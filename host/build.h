@@ -96,14 +96,17 @@ class TreeBuilder {
     bounds_ = box.box();
     if (few) {
       divide_few({refs_.data(), count_, box, centers});
-      expect(count_ * kCopied + in_turn() * kForked);
+      u64 uneven = 0;
+      for (const Uneven& u : uneven_) uneven += u.size;
+      expect(count_ * kCopied + bytes_of_shared_forks(uneven) + in_turn() * kForked);
       make_jobs(0);
       refs_ = {}, spare_ = {};
     } else {
       const std::vector<Open> large = divide_many(centers);
-      u64 at_once = in_turn();
-      for (const Open& part : large) at_once = std::max(at_once, u64{part.size});
-      expect(at_once * (kCopied + kForked));
+      u64 most = 0;
+      for (const Open& part : large) most = std::max(most, u64{part.size});
+      expect(
+          std::max(in_turn() * (kCopied + kForked), most * kCopied + bytes_of_shared_forks(most)));
       make_jobs(0);
       for (const Open& part : large) make_large(part);
     }
@@ -275,6 +278,14 @@ class TreeBuilder {
   static u64 bytes_of_grid(u64 primitives) {
     const u64 filled = static_cast<u64>(omp_get_max_threads()) * kMostCells;
     return std::min(primitives, filled) * sizeof(Bin) + primitives * sizeof(std::uint16_t);
+  }
+
+  // While the forks of uneven parts are made: each primitive has either those over it or a share of
+  // the cells that it is sorted into, by chunks and of all.
+  static u64 bytes_of_shared_forks(u64 primitives) {
+    const u64 chunks = std::min(static_cast<u64>(omp_get_max_threads()), u64{kPerCell});
+    const u64 cells = (chunks + 1) * sizeof(Bin) / kPerCell + sizeof(std::uint16_t);
+    return primitives * std::max(kForked, cells);
   }
 
   // Gives each thread some parts, or all of them one that is uneven. Boxes of so few are kept from
@@ -498,12 +509,11 @@ class TreeBuilder {
     return turns;
   }
 
-  // Primitives of the largest parts that are divided at a time, one a thread, and of the uneven.
+  // Primitives of the largest parts that are divided at a time, one a thread.
   u64 in_turn() const {
     const std::vector<size_t> turns = largest_first(0);
     const size_t most = std::min(turns.size(), static_cast<size_t>(omp_get_max_threads()));
     u64 sum = 0;
-    for (const Uneven& u : uneven_) sum += u.size;
     for (size_t turn = 0; turn < most; ++turn) sum += jobs_[turns[turn]].size;
     return sum;
   }
