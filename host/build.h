@@ -2,12 +2,12 @@
 //
 // Primitives are first sorted into the cells of a grid, from which two or three levels of nodes are
 // made at once, and their parts into cells of their own. Parts of some thousand, and larger ones
-// that lie too unevenly for a grid, such as whole scenes, are divided two by two down to leaves;
-// the largest of these forks go where they cost less, and the best nodes of sixteen over all of
-// them are found. Of many primitives their numbers are sorted, and boxes are made when they are
-// asked for; only parts of up to kLargeJob, and groups of no more than that, are copied with their
-// boxes. Nothing is kept but the order that results, the nodes, and how many primitives each leaf
-// has; nodes and blocks are then written where the scene has them.
+// that lie too unevenly for that, such as whole scenes, are divided two by two down to leaves, the
+// larger ones between cells; the largest of these forks go where they cost less, and the best nodes
+// of sixteen over all of them are found. Of many primitives their numbers are sorted, and boxes are
+// made when they are asked for; only parts of up to kLargeJob, and groups of no more than that, are
+// copied with their boxes. Nothing is kept but the order that results, the nodes, and how many
+// primitives each leaf has; nodes and blocks are then written where the scene has them.
 //
 // The tree depends on the primitives alone, not on the number of threads: sums over parts are only
 // minima, maxima and counts, which no order changes, sorting keeps the order within a cell, and
@@ -20,7 +20,6 @@
 #include <cmath>
 #include <cstdint>
 #include <deque>
-#include <functional>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -36,6 +35,7 @@
 #include "order.h"
 #include "sah.h"
 #include "shared_forks.h"
+#include "tasks.h"
 #include "threads.h"
 
 namespace parhelion {
@@ -277,14 +277,16 @@ class TreeBuilder {
   // While the cells of a grid are filled.
   static u64 bytes_of_grid(u64 primitives) {
     const u64 filled = static_cast<u64>(omp_get_max_threads()) * kMostCells;
-    return std::min(primitives, filled) * sizeof(Bin) + primitives * sizeof(std::uint16_t);
+    const u64 merged = std::min(primitives / kPerCell, u64{kMostCells});
+    return (std::min(primitives, filled) + merged) * sizeof(Bin) +
+           primitives * sizeof(std::uint16_t);
   }
 
   // While the forks of uneven parts are made: each primitive has either those over it or a share of
-  // the cells that it is sorted into, by chunks and of all.
+  // the cells that it is sorted into, of chunks, of all and of slabs of these.
   static u64 bytes_of_shared_forks(u64 primitives) {
     const u64 chunks = std::min(static_cast<u64>(omp_get_max_threads()), u64{kPerCell});
-    const u64 cells = (chunks + 1) * sizeof(Bin) / kPerCell + sizeof(std::uint16_t);
+    const u64 cells = (chunks + 2) * sizeof(Bin) / kPerCell + sizeof(std::uint16_t);
     return primitives * std::max(kForked, cells);
   }
 
@@ -577,7 +579,7 @@ class TreeBuilder {
     }
     std::vector<std::uint16_t> part_of(cells);
     node_over(grid, sort.bins(), all_of(grid, sort.bins()), depth, enough, nodes, below, part_of);
-    const std::vector<size_t> begin = sort.move(items, sorted, below.size(), part_of);
+    const std::vector<size_t> begin = sort.sort_to(items, sorted, below.size(), part_of);
     for (size_t p = 0; p < below.size(); ++p) below[p].first = begin[p];
     return true;
   }

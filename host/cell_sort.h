@@ -1,7 +1,5 @@
 // Primitives sorted into the cells of a grid, and on to the parts that are made of its cells.
 #pragma once
-#include <omp.h>
-
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -42,11 +40,11 @@ class CellSort {
   // What is in each cell.
   const std::vector<Bin>& bins() const { return bins_.size() > 1 ? merged_ : bins_[0]; }
 
-  // Brings the primitives, or what stands for them, to `sorted`, each part's together, and tells
+  // Copies the primitives, or what stands for them, to `sorted`, each part's together, and tells
   // where each begins. part_of: that of a cell.
   template <class Item>
-  std::vector<size_t> move(const Item* items, Item* sorted, size_t parts,
-                           const std::vector<std::uint16_t>& part_of) const {
+  std::vector<size_t> sort_to(const Item* items, Item* sorted, size_t parts,
+                              const std::vector<std::uint16_t>& part_of) const {
     std::vector<std::vector<size_t>> next(bins_.size(), std::vector<size_t>(parts));
     share_(bins_.size(), [&](size_t t) {
       for (size_t c = 0; c < cells_; ++c) next[t][part_of[c]] += bins_[t][c].count;
@@ -77,10 +75,9 @@ class CellSort {
   [[no_unique_address]] const Share share_{};
 
   // A chunk has as many primitives as there are cells, or more: to clear and sum its bins takes as
-  // long as to fill them. So of 262,144 primitives and fewer there are some eight.
+  // long as to fill them. So of 262,144 primitives and fewer there are eight at most, as a rule.
   static size_t chunks_of(size_t n, size_t cells) {
-    if constexpr (!Share::kShares) return 1;
-    return std::clamp(n / cells, size_t{1}, static_cast<size_t>(omp_get_max_threads()));
+    return std::clamp(n / cells, size_t{1}, static_cast<size_t>(Share::threads()));
   }
   size_t start(size_t chunk) const { return n_ * chunk / bins_.size(); }
 

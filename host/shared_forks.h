@@ -1,16 +1,35 @@
 // The forks of a large part, made by all threads of a parallel region.
 #pragma once
+#include <cstddef>
 #include <cstdint>
 #include <deque>
 #include <mutex>
 #include <vector>
 
+#include "bins.h"
 #include "cell_sort.h"
+#include "forks.h"
+#include "grid.h"
 #include "memory.h"
 #include "reinsert.h"
 #include "tasks.h"
 
 namespace parhelion::tree {
+
+// By tasks of a parallel region, each of so many primitives at most.
+inline constexpr size_t kMeasuredATask = 16384;
+inline Part measure_by_tasks(Ref* refs, size_t n) {
+  const size_t tasks = (n + kMeasuredATask - 1) / kMeasuredATask;
+  if (tasks == 1) return measure(refs, n);
+  std::vector<Part> parts(tasks);
+  ByTasks()(tasks, [&](size_t t) {
+    const size_t from = n * t / tasks, to = n * (t + 1) / tasks;
+    parts[t] = measure(refs + from, to - from);
+  });
+  Part all{refs, n, {}, {}};
+  for (const Part& p : parts) all.grow(p);
+  return all;
+}
 
 class SharedForks {
  public:
@@ -30,8 +49,8 @@ class SharedForks {
   // Of what is above parts of kForksATask, or changed by moves there: it costs its surface alone. A
   // share of that of the whole box would be more than all nodes of a model that is a speck in it.
   static constexpr Upkeep kAbove = {0.0f, 0.0f};
-  // A task measures so many primitives, and a fork is made of no fewer cells.
-  static constexpr size_t kMeasured = 16384, kCellsAFork = 256;
+  // What has fewer cells of a grid is not divided by it.
+  static constexpr size_t kCellsAFork = 256;
 
   // Where a part's forks go, and room for as many primitives as it has.
   struct Place {
@@ -40,8 +59,9 @@ class SharedForks {
     Fork* parent;
     Fork** link;
   };
-  // A part that is made of cells, before its primitives are brought there.
+  // Not yet measured.
   struct Below {
+    Ref* refs;
     size_t size;
     Place place;
   };
@@ -54,35 +74,39 @@ class SharedForks {
       Fork& f = fork(part, upkeep, place.levels, add_room(part.size));
       Reinsertion::run(f, 1);
       put(f, place);
-    } else if (place.levels >= kMostForks || !grow_by_cells(part, place)) {
-      Part left, right;
-      halve(part, place.levels, left, right);
-      Fork& f = add_above(part.size, part.box, place);
-      const Place by_left = {place.spare, place.levels + 1, &f, &f.left};
-      const Place by_right = {place.spare + left.size, place.levels + 1, &f, &f.right};
-      later([=, this] { grow(left, by_left); });
-      later([=, this] { grow(right, by_right); });
+      return;
     }
+    const std::vector<Below> parts = divide_by_cells(part, place);
+    for (const Below& p : parts) {
+      later([=, this] { grow(measure_by_tasks(p.refs, p.size), p.place); });
+    }
+    if (!parts.empty()) return;
+    Part left, right;
+    halve(part, place.levels, left, right);
+    Fork& f = add_above(part.size, part.box, place);
+    const Place by_left = {place.spare, place.levels + 1, &f, &f.left};
+    const Place by_right = {place.spare + left.size, place.levels + 1, &f, &f.right};
+    later([=, this] { grow(left, by_left); });
+    later([=, this] { grow(right, by_right); });
   }
 
-  // By planes between the cells of a grid, as long as these are fine beside what is divided. False
-  // where all is in one cell.
-  bool grow_by_cells(const Part& part, const Place& place) {
+  // By planes between the cells of a grid, as long as these are fine beside what is divided: the
+  // parts that are left, which change places with their room. None where no such plane divides it.
+  std::vector<Below> divide_by_cells(const Part& part, const Place& place) {
+    if (place.levels >= kMostForks) return {};
     const Grid grid(part.centers, part.size);
     const CellSort<ByTasks> sort(grid, part.size,
                                  [&](size_t first, size_t, Ref*) { return part.refs + first; });
     std::vector<std::uint16_t> part_of(grid.count());
     std::vector<Below> below;
     divide(grid, sort.bins(), all_of(grid, sort.bins()), place, part_of, below);
-    if (below.size() < 2) return false;
-    const std::vector<size_t> begin = sort.move(part.refs, place.spare, below.size(), part_of);
+    if (below.size() < 2) return {};
+    const std::vector<size_t> begin = sort.sort_to(part.refs, place.spare, below.size(), part_of);
     for (size_t p = 0; p < below.size(); ++p) {
+      below[p].refs = place.spare + begin[p];
       below[p].place.spare = part.refs + begin[p];
-      later([this, from = place.spare + begin[p], b = below[p]] {
-        grow(measure_by_tasks(from, b.size), b.place);
-      });
     }
-    return true;
+    return below;
   }
   void divide(const Grid& grid, const std::vector<Bin>& bins, const Cells& cells,
               const Place& place, std::vector<std::uint16_t>& part_of, std::vector<Below>& below) {
@@ -94,21 +118,8 @@ class SharedForks {
       divide(grid, bins, right, {nullptr, place.levels + 1, &f, &f.right}, part_of, below);
     } else {
       set_part(grid, cells, below.size(), part_of);
-      below.push_back({cells.sum.count, place});
+      below.push_back({nullptr, cells.sum.count, place});
     }
-  }
-
-  static Part measure_by_tasks(Ref* refs, size_t n) {
-    const size_t tasks = (n + kMeasured - 1) / kMeasured;
-    if (tasks == 1) return measure(refs, n);
-    std::vector<Part> parts(tasks);
-    ByTasks()(tasks, [&](size_t t) {
-      const size_t from = n * t / tasks, to = n * (t + 1) / tasks;
-      parts[t] = measure(refs + from, to - from);
-    });
-    Part all{refs, n, {}, {}};
-    for (const Part& p : parts) all.grow(p);
-    return all;
   }
 
   template <class F>

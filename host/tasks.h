@@ -1,6 +1,8 @@
-// Ways to share f(0) to f(n - 1) out to threads; and tasks, which those of a parallel region do as
-// they find time.
+// Ways to share f(0) to f(n - 1) out to so many threads; and tasks, which those of a parallel
+// region do as they find time.
 #pragma once
+#include <omp.h>
+
 #include <cstddef>
 
 // OpenMP gives the memory of a task that has ended to one that another thread makes, and nobody
@@ -18,7 +20,7 @@ PH_MAKES_TASKS void do_later(F f) {
 }
 
 struct ByOneThread {
-  static constexpr bool kShares = false;
+  static int threads() { return 1; }
   template <class F>
   void operator()(size_t n, const F& f) const {
     for (size_t i = 0; i < n; ++i) f(i);
@@ -27,7 +29,7 @@ struct ByOneThread {
 
 // Outside of a parallel region.
 struct ByAllThreads {
-  static constexpr bool kShares = true;
+  static int threads() { return omp_get_max_threads(); }
   template <class F>
   void operator()(size_t n, const F& f) const {
 #pragma omp parallel for schedule(static, 1)
@@ -37,7 +39,7 @@ struct ByAllThreads {
 
 // Within one, a task each, all done when it returns.
 struct ByTasks {
-  static constexpr bool kShares = true;
+  static int threads() { return omp_get_num_threads(); }
   template <class F>
   PH_MAKES_TASKS void operator()(size_t n, const F& f) const {
 #pragma omp taskloop grainsize(1) shared(f)

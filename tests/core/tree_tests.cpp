@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
+#include <iterator>
 #include <memory>
 #include <random>
 #include <vector>
@@ -102,6 +104,11 @@ void partitions_keep_their_order() {
   }
 }
 
+bool same(const Extent& a, const Extent& b) {
+  const Aabb one = a.box(), other = b.box();
+  return std::memcmp(&one, &other, sizeof one) == 0;
+}
+
 // Primitives in cubes of ever smaller sides, so that most are in few cells of a grid.
 std::vector<Ref> uneven_boxes(size_t n) {
   std::vector<Ref> refs(n);
@@ -121,6 +128,8 @@ void several_threads_sort_as_one_does() {
   omp_set_num_threads(3);
   for (const size_t n : {size_t{5000}, size_t{100003}, size_t{600000}}) {
     std::vector<Ref> refs = uneven_boxes(n), sorted(n);
+    std::sort(refs.begin(), refs.end(),
+              [](const Ref& a, const Ref& b) { return a.low[0] < b.low[0]; });
     const tree::Part whole = tree::measure(refs.data(), n);
     const tree::Grid grid(whole.centers, n);
     const auto where_they_are = [&](size_t first, size_t, Ref*) { return &refs[first]; };
@@ -136,13 +145,12 @@ void several_threads_sort_as_one_does() {
     const auto check = [&]<class Share>(const tree::CellSort<Share>& sort) {
       bool alike = true;
       for (size_t c = 0; c < bins.size(); ++c) {
-        const Aabb one = bins[c].box.box(), other = sort.bins()[c].box.box();
-        alike = alike && bins[c].count == sort.bins()[c].count &&
-                std::memcmp(&one, &other, sizeof one) == 0;
+        alike =
+            alike && bins[c].count == sort.bins()[c].count && same(bins[c].box, sort.bins()[c].box);
       }
       CHECK(alike);
       std::fill(sorted.begin(), sorted.end(), Ref{});
-      const std::vector<size_t> begin = sort.move(refs.data(), sorted.data(), kParts, part_of);
+      const std::vector<size_t> begin = sort.sort_to(refs.data(), sorted.data(), kParts, part_of);
       CHECK(std::memcmp(sorted.data(), expected.data(), n * sizeof(Ref)) == 0);
       for (size_t p = 0; p < kParts; ++p) {
         CHECK(begin[p] == n || part_of[grid.cell_of(sorted[begin[p]])] >= p);
@@ -151,9 +159,15 @@ void several_threads_sort_as_one_does() {
     };
     check(tree::CellSort<ByOneThread>(grid, n, where_they_are));
     check(tree::CellSort<ByAllThreads>(grid, n, where_they_are));
+    tree::Part measured;
 #pragma omp parallel
 #pragma omp single
-    check(tree::CellSort<ByTasks>(grid, n, where_they_are));
+    {
+      check(tree::CellSort<ByTasks>(grid, n, where_they_are));
+      measured = tree::measure_by_tasks(refs.data(), n);
+    }
+    CHECK(measured.refs == refs.data() && measured.size == n);
+    CHECK(same(measured.box, whole.box) && same(measured.centers, whole.centers));
   }
   omp_set_num_threads(omp_get_num_procs());
 }
@@ -170,8 +184,7 @@ double surface_below(const tree::Fork& f, std::vector<bool>& seen) {
   }
   Extent box = f.left->box;
   box.grow(f.right->box);
-  const Aabb own = f.box.box(), both = box.box();
-  CHECK(std::memcmp(&own, &both, sizeof own) == 0);
+  CHECK(same(f.box, box));
   CHECK(f.size == f.left->size + f.right->size);
   CHECK(f.left->parent == &f && f.right->parent == &f);
   return static_cast<double>(f.box.half_area()) + surface_below(*f.left, seen) +
@@ -202,44 +215,93 @@ void costs_are_the_least(const tree::Fork& f) {
 
 // Two forks, and all below them.
 bool alike(const tree::Fork& a, const tree::Fork& b) {
-  const Aabb one = a.box.box(), other = b.box.box();
-  if (a.size != b.size || std::memcmp(&one, &other, sizeof one) != 0) return false;
+  if (a.size != b.size || !same(a.box, b.box)) return false;
   if (!a.left || !b.left) return a.left == b.left;
   return alike(*a.left, *b.left) && alike(*a.right, *b.right);
 }
 
-// Of most in few cells of a grid; of all in two places, between which there is one plane; of all in
-// one. The same by one thread and by three, with each primitive in one place.
+int deepest(const tree::Fork& f) {
+  return f.left ? 1 + std::max(deepest(*f.left), deepest(*f.right)) : 0;
+}
+
+// Of most in few cells of a grid; of all in two places, between which there is one plane, and in
+// one; of small ones on both sides of some so large that no plane costs less than infinity; of so
+// many powers of two that there would be more forks above each other than is allowed. The same by
+// one thread and by three, with each primitive in one place.
 void shared_forks_hold_all() {
   constexpr u32 kCount = 60000;
-  for (const u32 places : {kCount, 2u, 1u}) {
-    std::vector<Ref> refs[2] = {uneven_boxes(kCount), uneven_boxes(kCount)}, spare(kCount);
+  enum { uneven, two_places, one_place, some_huge, powers, kCases };
+  for (int which = 0; which < kCases; ++which) {
+    std::vector<Ref> refs[2], spare(kCount);
     std::unique_ptr<tree::SharedForks> forks[2];
     const tree::Fork* top[2];
-    for (const int threads : {1, 3}) {
-      std::vector<Ref>& mine = refs[threads / 3];
+    for (const int run : {0, 1}) {
+      refs[run] = uneven_boxes(kCount);
       for (u32 i = 0; i < kCount; ++i) {
-        const Ref& at = mine[i % places];
-        for (u32 k = 0; k < 3; ++k) mine[i].low[k] = at.low[k], mine[i].high[k] = at.high[k];
+        Ref& r = refs[run][i];
+        for (u32 k = 0; k < 3; ++k) {
+          if (which == two_places || which == one_place) {
+            r.low[k] = r.high[k] = which == two_places ? static_cast<float>(i % 2) : 0.0f;
+          } else if (which == some_huge && i % 3 == 1) {
+            r.low[k] = k == 0 ? 10.0f : -1e30f, r.high[k] = k == 0 ? 11.0f : 1e30f;
+          } else if (which == some_huge && i % 3 == 2 && k == 0) {
+            r.low[k] += 20.0f, r.high[k] += 20.0f;
+          } else if (which == powers) {
+            r.low[k] = r.high[k] = std::ldexp(r.high[k], -static_cast<int>(i % 120));
+          }
+        }
       }
-      std::unique_ptr<tree::SharedForks>& made = forks[threads / 3];
-      made = std::make_unique<tree::SharedForks>();
-      const tree::Part whole = tree::measure(mine.data(), kCount);
-#pragma omp parallel num_threads(threads)
+      const tree::Part whole = tree::measure(refs[run].data(), kCount);
+      forks[run] = std::make_unique<tree::SharedForks>();
+#pragma omp parallel num_threads(run == 0 ? 1 : 3)
 #pragma omp single
-      made->begin(whole, spare.data());
-      top[threads / 3] = &made->finish();
+      forks[run]->begin(whole, spare.data());
+      const tree::Fork& f = forks[run]->finish();
+      top[run] = &f;
       std::vector<bool> seen(kCount, false);
-      surface_below(*top[threads / 3], seen);
+      surface_below(f, seen);
       CHECK(std::find(seen.begin(), seen.end(), false) == seen.end());
-      CHECK(top[threads / 3]->size == kCount && !top[threads / 3]->parent);
-      costs_are_the_least(*top[threads / 3]);
-      if (places == 2) {
-        const tree::Fork &f = *top[threads / 3], &a = *f.left, &b = *f.right;
-        CHECK(a.box.half_area() + b.box.half_area() < 0.5f * f.box.half_area());
+      CHECK(f.size == kCount && !f.parent);
+      // What is halved by how many there are has seventeen more forks above each other, and those
+      // that move bring a dozen or so.
+      CHECK(deepest(f) < tree::kMostForks + 40);
+      if (which != some_huge) costs_are_the_least(f);
+      if (which == two_places) {
+        CHECK(f.left->box.half_area() == 0.0f && f.right->box.half_area() == 0.0f);
       }
     }
     CHECK(alike(*top[0], *top[1]));
+  }
+}
+
+// Those of a half that lie next to the cut, many of them at the same place as others.
+void what_lies_next_to_a_cut_is_brought_there() {
+  for (u32 turn = 0; turn < 200; ++turn) {
+    const size_t n = 20 + turn % 100, count = 1 + turn % 15;
+    std::vector<Ref> refs(n);
+    for (u32 i = 0; i < n; ++i) {
+      const float at = static_cast<float>(baseline::mix(1000 * turn + i) % 64);
+      for (u32 k = 0; k < 3; ++k) refs[i].low[k] = refs[i].high[k] = k == 1 ? at : 0.0f;
+      refs[i].id = i;
+    }
+    for (const bool left : {true, false}) {
+      std::vector<Ref> brought = refs, in_order = refs;
+      tree::bring_to_cut(tree::measure(brought.data(), n), left, 1, count);
+      std::sort(in_order.begin(), in_order.end(),
+                [](const Ref& a, const Ref& b) { return a.low[1] < b.low[1]; });
+      const size_t cut = left ? n - count : count;
+      const auto along = [](const Ref& r) { return r.low[1]; };
+      std::vector<float> ours, sorted;
+      std::transform(brought.begin(), brought.end(), std::back_inserter(ours), along);
+      std::transform(in_order.begin(), in_order.end(), std::back_inserter(sorted), along);
+      const auto middle = static_cast<std::ptrdiff_t>(cut);
+      std::sort(ours.begin(), ours.begin() + middle);
+      std::sort(ours.begin() + middle, ours.end());
+      CHECK(ours == sorted);
+      std::vector<bool> seen(n, false);
+      for (const Ref& r : brought) seen[r.id] = true;
+      CHECK(std::find(seen.begin(), seen.end(), false) == seen.end());
+    }
   }
 }
 
@@ -445,6 +507,7 @@ int main() {
   partitions_keep_their_order();
   several_threads_sort_as_one_does();
   shared_forks_hold_all();
+  what_lies_next_to_a_cut_is_brought_there();
   forks_go_where_they_cost_less();
   parts_fill_their_boxes_or_not();
   leaves_become_two_where_that_costs_less();
