@@ -62,7 +62,7 @@ class Reinsertion {
   // Where a fork may go beside, and by how much the forks above it grow then, in surface.
   struct Place {
     float above;
-    size_t number;  // of equal ones the first is the next, so that all libraries make the same tree
+    u32 number;  // of equal ones the first is the next, so that all libraries make the same tree
     Fork* beside;
     bool operator<(const Place& p) const {
       return above > p.above || (above == p.above && number > p.number);
@@ -88,9 +88,11 @@ class Reinsertion {
   // Largest first; none is the top or one of its halves.
   std::vector<Fork*> largest() const {
     std::vector<Place> heap;  // a place is where a fork is now; the largest has the least `above`
-    size_t number = 0;
+    u32 number = 0;
     const auto add = [&](Fork* f) {
       heap.push_back({-f->box.half_area(), ++number, f});
+      __builtin_prefetch(f->left);
+      __builtin_prefetch(f->right);
       std::push_heap(heap.begin(), heap.end());
     };
     const size_t count = std::min(top_.size / kTriedOf, kMost);
@@ -163,7 +165,7 @@ class Reinsertion {
     for (const Above& a : room.path) least += both(box, a.box).half_area() - a.box.half_area();
     least *= 1.0f - 1e-4f;  // more than rounding
     Fork* best = nullptr;
-    size_t number = 0;
+    u32 number = 0;
     room.heap.clear();
     const auto add = [&](float above, Fork* beside) {
       if (!(above + own < least)) return;
