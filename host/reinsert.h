@@ -33,7 +33,7 @@ class Reinsertion {
     {
       Room room;
       for (int turn = 0; turn < turns; ++turn) {
-#pragma omp barrier  // until which others still look at the last turn's
+#pragma omp barrier  // others may still look at those of the last turn
 #pragma omp single
         guard.run([&] { tried = r.largest(); });
         for (size_t first = 0; first < tried.size(); first += kTogether) {
