@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <utility>
+#include <vector>
 
 #include "../core/compiler.h"
 #include "partition.h"
@@ -41,6 +42,27 @@ inline Part measure(Ref* refs, size_t n) {
     p.centers.grow(center_of(refs[i]));
   }
   return p;
+}
+
+// The same of n primitives, of which ref_of(i) is the ith, but for where they are; by `Share`, one
+// of the ways to share work out (tasks.h).
+template <class Share, class RefOf>
+Part measure_by(size_t n, const RefOf& ref_of) {
+  constexpr size_t kLeast = 4096;  // for a thread
+  const size_t chunks = std::clamp(n / kLeast, size_t{1}, static_cast<size_t>(Share::threads()));
+  std::vector<Part> parts(chunks);
+  Share()(chunks, [&](size_t t) {
+    Part mine{};
+    for (size_t i = n * t / chunks, end = n * (t + 1) / chunks; i < end; ++i) {
+      const Ref& r = ref_of(i);
+      mine.box.grow(r);
+      mine.centers.grow(center_of(r));
+    }
+    parts[t] = mine;
+  });
+  Part all{nullptr, n, {}, {}};
+  for (const Part& p : parts) all.grow(p);
+  return all;
 }
 
 // A plane across an axis that divides a part by where centres lie; none where axis < 0.

@@ -324,7 +324,7 @@ class TreeBuilder {
       return;
     }
     Part measured =
-        measure_together(part.size, [&](size_t i) -> const Ref& { return part.refs[i]; });
+        measure_by<ByAllThreads>(part.size, [&](size_t i) -> const Ref& { return part.refs[i]; });
     measured.refs = part.refs;
     const size_t node = top_.size();
     std::vector<Open> below;
@@ -341,28 +341,6 @@ class TreeBuilder {
 
   void link(const Open& part, size_t node) {
     if (part.node != kNoNode) top_[part.node].child[part.lane] = static_cast<Child>(node);
-  }
-
-  // Of n primitives, of which ref_of(i) is the ith, by all threads.
-  template <class RefOf>
-  static Part measure_together(size_t n, const RefOf& ref_of) {
-    Part whole{nullptr, n, {}, {}};
-#pragma omp parallel
-    {
-      Extent box, centers;
-#pragma omp for nowait
-      for (size_t i = 0; i < n; ++i) {
-        const Ref& r = ref_of(i);
-        box.grow(r);
-        centers.grow(center_of(r));
-      }
-#pragma omp critical(parhelion_measure)
-      {
-        whole.box.grow(box);
-        whole.centers.grow(centers);
-      }
-    }
-    return whole;
   }
 
   // Of many, parts that are too large for one thread are divided by all of them. Returns those that
@@ -524,7 +502,9 @@ class TreeBuilder {
   bool divide_large(const Open& part, Extent centers, std::vector<Open>& todo) {
     u32* const ids = order_.data() + part.first;
     if (part.depth > 0) {
-      centers = measure_together(part.size, [&](size_t i) { return leaves_.ref(ids[i]); }).centers;
+      centers = measure_by<ByAllThreads>(part.size, [&](size_t i) {
+                  return leaves_.ref(ids[i]);
+                }).centers;
     }
     Array<u32> sorted(part.size);
     std::vector<Open> below;

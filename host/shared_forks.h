@@ -16,21 +16,6 @@
 
 namespace parhelion::tree {
 
-// By tasks of a parallel region, each of so many primitives at most.
-inline constexpr size_t kMeasuredATask = 16384;
-inline Part measure_by_tasks(Ref* refs, size_t n) {
-  const size_t tasks = (n + kMeasuredATask - 1) / kMeasuredATask;
-  if (tasks == 1) return measure(refs, n);
-  std::vector<Part> parts(tasks);
-  ByTasks()(tasks, [&](size_t t) {
-    const size_t from = n * t / tasks, to = n * (t + 1) / tasks;
-    parts[t] = measure(refs + from, to - from);
-  });
-  Part all{refs, n, {}, {}};
-  for (const Part& p : parts) all.grow(p);
-  return all;
-}
-
 class SharedForks {
  public:
   // Threads that have nothing else to do help; all are there at the region's next barrier. spare:
@@ -78,7 +63,11 @@ class SharedForks {
     }
     const std::vector<Below> parts = divide_by_cells(part, place);
     for (const Below& p : parts) {
-      later([=, this] { grow(measure_by_tasks(p.refs, p.size), p.place); });
+      later([=, this] {
+        Part below = measure_by<ByTasks>(p.size, [&](size_t i) -> const Ref& { return p.refs[i]; });
+        below.refs = p.refs;
+        grow(below, p.place);
+      });
     }
     if (!parts.empty()) return;
     Part left, right;
