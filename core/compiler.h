@@ -15,6 +15,7 @@ PH_INLINE float abs(float x) { return ::fabsf(x); }
 PH_INLINE float copysign(float size, float sign) { return ::copysignf(size, sign); }
 PH_INLINE unsigned reverse_bytes(unsigned x) { return __byte_perm(x, 0, 0x0123); }
 PH_INLINE unsigned trailing_zeros(unsigned x) { return static_cast<unsigned>(__ffs(x) - 1); }
+PH_INLINE unsigned leading_zeros(unsigned x) { return static_cast<unsigned>(__clz(x)); }
 PH_INLINE unsigned ones(unsigned x) { return static_cast<unsigned>(__popc(x)); }
 PH_INLINE void copy(void* to, const void* from, unsigned long long n) { memcpy(to, from, n); }
 PH_INLINE void prefetch(const void*) {}  // other threads work meanwhile
@@ -41,6 +42,7 @@ PH_INLINE float abs(float x) { return __builtin_fabsf(x); }
 PH_INLINE float copysign(float size, float sign) { return __builtin_copysignf(size, sign); }
 PH_INLINE unsigned reverse_bytes(unsigned x) { return __builtin_bswap32(x); }
 PH_INLINE unsigned trailing_zeros(unsigned x) { return static_cast<unsigned>(__builtin_ctz(x)); }
+PH_INLINE unsigned leading_zeros(unsigned x) { return static_cast<unsigned>(__builtin_clz(x)); }
 PH_INLINE unsigned ones(unsigned x) { return static_cast<unsigned>(__builtin_popcount(x)); }
 PH_INLINE void copy(void* to, const void* from, unsigned long long n) {
   __builtin_memcpy(to, from, n);

@@ -49,9 +49,11 @@ PH_INLINE u32 walk_each(const SceneView& scene, const Rows<Vec3, kBatch>& direct
     Lanes near;
     const Ray ray = ray_at(k);
     const Slabs own = slabs.at(k, ray.origin);
-    const u32 met = test_boxes(root, own, best[k].hit.t * kSlabSlack, near);
+    // A ray that is none meets nothing.
     const bool good = is_number(ray.origin, ray.direction);
-    Stack::prepare<kAny>(root, near, good ? met : 0, start[k]);
+    const float limit = good ? best[k].hit.t * kSlabSlack : -1.0f;
+    const LaneMask hits = test_boxes(root, own, limit, near);
+    Stack::prepare<kAny>(root, near, hits, start[k]);
   });
   for_each_bit(lanes, [&](u32 k) {
     const Ray ray = ray_at(k);

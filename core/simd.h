@@ -51,6 +51,15 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return _mm256_and_ps(a, b); }
 PH_INLINE Vm v_or(Vm a, Vm b) { return _mm256_or_ps(a, b); }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm256_blendv_ps(b, a, m); }
 PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm256_movemask_ps(m)); }
+using Vi = __m256i;
+PH_INLINE Vi v_min(Vi a, Vi b) { return _mm256_min_epi32(a, b); }
+PH_INLINE Vm v_lt(Vi a, Vi b) { return _mm256_castsi256_ps(_mm256_cmpgt_epi32(b, a)); }
+PH_INLINE int v_least(Vi a) {
+  __m128i m = _mm_min_epi32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
+  m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0x4e));  // halves exchanged
+  m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0xb1));  // neighbours exchanged
+  return _mm_cvtsi128_si32(m);
+}
 PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
   __m256i n = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));
   n = _mm256_xor_si256(n, _mm256_set1_epi32(static_cast<int>(flipped)));
@@ -73,6 +82,14 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return _mm_and_ps(a, b); }
 PH_INLINE Vm v_or(Vm a, Vm b) { return _mm_or_ps(a, b); }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return _mm_blendv_ps(b, a, m); }
 PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm_movemask_ps(m)); }
+using Vi = __m128i;
+PH_INLINE Vi v_min(Vi a, Vi b) { return _mm_min_epi32(a, b); }
+PH_INLINE Vm v_lt(Vi a, Vi b) { return _mm_castsi128_ps(_mm_cmplt_epi32(a, b)); }
+PH_INLINE int v_least(Vi a) {
+  a = _mm_min_epi32(a, _mm_shuffle_epi32(a, 0x4e));
+  a = _mm_min_epi32(a, _mm_shuffle_epi32(a, 0xb1));
+  return _mm_cvtsi128_si32(a);
+}
 PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
   __m128i n = _mm_loadu_si128(reinterpret_cast<const __m128i*>(p));
   n = _mm_xor_si128(n, _mm_set1_epi32(static_cast<int>(flipped)));
@@ -103,6 +120,13 @@ PH_INLINE u32 v_bits(Vm m) {
   m &= Vm{1, 2, 4, 8};
   return static_cast<u32>(m[0] | m[1] | m[2] | m[3]);
 }
+using Vi = Vm;
+PH_INLINE Vi v_min(Vi a, Vi b) { return a < b ? a : b; }
+PH_INLINE Vm v_lt(Vi a, Vi b) { return a < b; }
+PH_INLINE int v_least(Vi a) {
+  const int first = a[0] < a[1] ? a[0] : a[1], last = a[2] < a[3] ? a[2] : a[3];
+  return first < last ? first : last;
+}
 PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
   u32 r = 0;
   for (u32 k = 0; k < 4; ++k) r |= ((p[k] ^ flipped) & some) == 0 ? 1u << k : 0u;
@@ -124,6 +148,10 @@ PH_INLINE Vm v_and(Vm a, Vm b) { return a && b; }
 PH_INLINE Vm v_or(Vm a, Vm b) { return a || b; }
 PH_INLINE Vf v_select(Vm m, Vf a, Vf b) { return m ? a : b; }
 PH_INLINE u32 v_bits(Vm m) { return m ? 1u : 0u; }
+using Vi = int;
+PH_INLINE Vi v_min(Vi a, Vi b) { return a < b ? a : b; }
+PH_INLINE Vm v_lt(Vi a, Vi b) { return a < b; }
+PH_INLINE int v_least(Vi a) { return a; }
 PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
   return ((*p ^ flipped) & some) == 0 ? 1u : 0u;
 }
@@ -308,6 +336,55 @@ PH_INLINE u32 bits(const LaneMask& m) {
   for (int k = 0; k < kParts; ++k) r |= v_bits(m.part[k]) << (k * kNative);
   return r;
 }
+
+#if !defined(__AVX512F__)  // which sorts instead (stack.h)
+// Whole numbers.
+struct LaneInts {
+  Vi part[kParts];
+};
+
+// The bits of floats.
+PH_INLINE LaneInts whole(const Lanes& a) {
+  LaneInts r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = __builtin_bit_cast(Vi, a.part[k]);
+  return r;
+}
+PH_INLINE LaneInts all(int a) { return whole(all(__builtin_bit_cast(float, a))); }
+PH_INLINE LaneInts lane_numbers() {
+  constexpr int kNumbers[kLanes] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+  LaneInts r;
+  compiler::copy(&r, kNumbers, sizeof r);
+  return r;
+}
+PH_INLINE LaneInts operator&(const LaneInts& a, const LaneInts& b) {
+  LaneInts r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = a.part[k] & b.part[k];
+  return r;
+}
+PH_INLINE LaneInts operator|(const LaneInts& a, const LaneInts& b) {
+  LaneInts r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = a.part[k] | b.part[k];
+  return r;
+}
+PH_INLINE LaneMask operator<(const LaneInts& a, const LaneInts& b) {
+  LaneMask r;
+  for (int k = 0; k < kParts; ++k) r.part[k] = v_lt(a.part[k], b.part[k]);
+  return r;
+}
+PH_INLINE LaneInts select(const LaneMask& m, const LaneInts& a, const LaneInts& b) {
+  LaneInts r;
+  for (int k = 0; k < kParts; ++k) {
+    const Vf own = __builtin_bit_cast(Vf, a.part[k]), other = __builtin_bit_cast(Vf, b.part[k]);
+    r.part[k] = __builtin_bit_cast(Vi, v_select(m.part[k], own, other));
+  }
+  return r;
+}
+PH_INLINE int least(const LaneInts& a) {
+  Vi r = a.part[0];
+  for (int k = 1; k < kParts; ++k) r = v_min(r, a.part[k]);
+  return v_least(r);
+}
+#endif
 
 // Bit i: number i has 0 in some bits, after others were flipped.
 PH_INLINE u32 zeros(const u32 (&numbers)[16], u32 flipped, u32 some) {

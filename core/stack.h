@@ -9,10 +9,11 @@ namespace parhelion::PH_ISA {
 // a whole register.
 inline constexpr u32 kStackSize = 15 * kMaxTreeDepth + 1;
 
+// What is the next to visit is picked without branches, or with few: how many boxes a ray meets,
+// and in which order, cannot be predicted.
 #if defined(__AVX512F__)
 
-// Sorted in registers, and without branches where no more than four are put there: how many boxes a
-// ray meets cannot be predicted.
+// Sorted in registers, and without branches where no more than four are put there.
 class Stack {
  public:
   // Apart, so that how many there are can stay in a register.
@@ -30,14 +31,12 @@ class Stack {
   };
   // A bit for each child in `hits`; near: where the ray enters their boxes.
   template <bool kAny>
-  PH_INLINE static void prepare(const Node& node, const Lanes& near, u32 hits, Start& out) {
+  PH_INLINE static void prepare(const Node& node, const Lanes& near, const LaneMask& hits,
+                                Start& out) {
     if constexpr (kAny) {
-      const __m512i children = _mm512_load_si512(node.child);
-      _mm512_store_si512(out.child,
-                         _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits), children));
-      out.count = compiler::ones(hits);
+      out.count = compress(node, bits(hits), out.child);
     } else {
-      out.count = order(node, near, hits, out.near, out.child);
+      out.count = order(node, near, bits(hits), out.near, out.child);
     }
   }
   // Puts them on an empty stack, but for the next. False if there is none.
@@ -51,18 +50,22 @@ class Stack {
     return true;
   }
 
-  // Children of a node, a bit for each in `hits`, of which there are two or more; near: where the
-  // ray enters their boxes. Returns the nearest, which is not put there.
-  PH_INLINE Child push(const Node& node, const Lanes& near, u32 hits) {
-    size_ += order(node, near, hits, near_ + size_, child_ + size_) - 1;
-    return child_[size_];
-  }
-  // In their order in the node. True if `next` is the last, which then is not put there.
-  PH_INLINE bool push(const Node& node, u32 hits, Child& /*next*/) {
-    _mm512_storeu_si512(child_ + size_, _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits),
-                                                                    _mm512_load_si512(node.child)));
-    size_ += compiler::ones(hits);
-    return false;
+  // Puts the children of a node there that a ray hits. False if the next is to be taken from there;
+  // else `next` is the nearest of them, which is not put there.
+  template <bool kAny>
+  PH_INLINE bool push(const Node& node, const Lanes& near, const LaneMask& hits, Child& next) {
+    const u32 met = bits(hits);
+    if constexpr (kAny) {
+      size_ += compress(node, met, child_ + size_);
+      return false;
+    }
+    if ((met & (met - 1)) != 0) {
+      size_ += order(node, near, met, near_ + size_, child_ + size_) - 1;
+      next = child_[size_];
+      return true;
+    }
+    if (met != 0) next = node.child[lowest_bit(met)];  // which need not wait for the stack
+    return met != 0;
   }
 
   // False if there is none.
@@ -82,6 +85,12 @@ class Stack {
   }
 
  private:
+  // In their order in the node; returns how many there are.
+  PH_INLINE static u32 compress(const Node& node, u32 hits, Child* to) {
+    const __m512i children = _mm512_load_si512(node.child);
+    _mm512_storeu_si512(to, _mm512_maskz_compress_epi32(static_cast<__mmask16>(hits), children));
+    return compiler::ones(hits);
+  }
   // The nearest last; returns how many there are.
   PH_INLINE static u32 order(const Node& node, const Lanes& near, u32 hits, u32* near_to,
                              Child* child_to) {
@@ -131,74 +140,103 @@ class Stack {
 
 #else
 
+// What a node leaves behind lies there as a whole, a key or a bit for each of its children, out of
+// which the next is picked when it is wanted.
 class Stack {
- public:
-  struct Room {
-    u64 entry[kStackSize];
+  // By lane how far away a child is, where its number takes the last four bits: the order of floats
+  // that are not negative is that of their bits. kTaken where it is met no more.
+  struct Near {
+    LaneInts key;
+    const Node* node;
   };
-  PH_INLINE explicit Stack(Room& room) : first_(room.entry), top_(room.entry) {}
-
-  // Without AVX-512 sorting has branches, and is left to each walk.
-  struct Start {
-    alignas(64) float near[16];
+  static constexpr int kTaken = 0x7fffffff;
+  struct Any {
     const Node* node;
     u32 hits;
   };
+
+ public:
+  // Each level of nodes leaves at most one behind, and what is put there last may not count.
+  struct Room {
+    Near near[kMaxTreeDepth + 1];
+    Any any[kMaxTreeDepth + 1];
+  };
+  PH_INLINE explicit Stack(Room& room)
+      : first_(room.near), first_any_(room.any), top_(room.near), top_any_(room.any) {}
+
+  // What a walk begins with: the children of one node.
+  struct Start {
+    LaneInts key;
+    const Node* node;
+    u32 hits;
+  };
+  // near: where the ray enters the boxes of those that it hits.
   template <bool kAny>
-  PH_INLINE static void prepare(const Node& node, const Lanes& near, u32 hits, Start& out) {
-    if constexpr (!kAny) store(out.near, near);
-    out.node = &node, out.hits = hits;
+  PH_INLINE static void prepare(const Node& node, const Lanes& near, const LaneMask& hits,
+                                Start& out) {
+    if constexpr (!kAny) out.key = keys(near, hits);
+    out.node = &node, out.hits = bits(hits);
   }
+  // Puts them on an empty stack, but for the next. False if there is none.
   template <bool kAny>
   PH_INLINE bool begin(const Start& start, Child& next) {
     if (start.hits == 0) return false;
-    if constexpr (kAny) return push(*start.node, start.hits, next);
-    next = push(*start.node, load(start.near), start.hits);
+    next = kAny ? pick(*start.node, start.hits) : pick(*start.node, start.key, start.hits);
+    return true;
+  }
+  // As these two at once.
+  template <bool kAny>
+  PH_INLINE bool push(const Node& node, const Lanes& near, const LaneMask& hits, Child& next) {
+    const u32 met = bits(hits);
+    if (met == 0) return false;
+    next = kAny ? pick(node, met) : pick(node, keys(near, hits), met);
     return true;
   }
 
-  PH_INLINE Child push(const Node& node, const Lanes& near, u32 hits) {
-    alignas(64) float at[16];
-    store(at, near);
-    u64* const start = top_;
-    for_each_bit(hits, [&](u32 k) {
-      // Insertion sort, farthest first: of floats that are not negative the order is that of their
-      // bits, which are an entry's upper half.
-      const u64 e = static_cast<u64>(__builtin_bit_cast(u32, at[k])) << 32 | node.child[k];
-      u64* place = top_++;
-      for (; place != start && place[-1] < e; --place) *place = place[-1];
-      *place = e;
-    });
-    return static_cast<Child>(*--top_);
-  }
-  PH_INLINE bool push(const Node& node, u32 hits, Child& next) {
-    if (hits == 0) return false;
-    u32 k = lowest_bit(hits);
-    while ((hits &= hits - 1) != 0) {
-      *top_++ = node.child[k];
-      k = lowest_bit(hits);
-    }
-    next = node.child[k];
-    return true;
-  }
-
+  // False if there is none.
   PH_INLINE bool pop(Child& child) {
-    if (top_ == first_) return false;
-    child = static_cast<Child>(*--top_);
+    if (top_any_ == first_any_) return false;
+    --top_any_;
+    child = pick(*top_any_->node, top_any_->hits);
     return true;
   }
+  // The uppermost whose box begins before `limit`.
   PH_INLINE bool pop(Child& child, float limit) {
+    const LaneInts beyond = all((__builtin_bit_cast(int, limit) | 15) + 1);
+    LaneInts key;
+    u32 left = 0;
     do {
       if (top_ == first_) return false;
-      --top_;
-    } while (!(__builtin_bit_cast(float, static_cast<u32>(*top_ >> 32)) <= limit));
-    child = static_cast<Child>(*top_);
+      key = (--top_)->key;
+      left = bits(key < beyond);
+    } while (left == 0);
+    child = pick(*top_->node, key, left);
     return true;
   }
 
  private:
-  u64* const first_;
-  u64* top_;
+  PH_INLINE static LaneInts keys(const Lanes& near, const LaneMask& hits) {
+    return select(hits, (whole(near) & all(~15)) | lane_numbers(), all(kTaken));
+  }
+  // The nearest, of one or more; the others, if there are some, stay on top.
+  PH_INLINE Child pick(const Node& node, const LaneInts& key, u32 hits) {
+    const int nearest = least(key);
+    *top_ = {select(key < all(nearest + 1), all(kTaken), key), &node};
+    top_ += (hits & (hits - 1)) != 0 ? 1 : 0;
+    return node.child[nearest & 15];
+  }
+  // The node's last.
+  PH_INLINE Child pick(const Node& node, u32 hits) {
+    const u32 last = 31 - compiler::leading_zeros(hits), others = hits ^ 1u << last;
+    *top_any_ = {&node, others};
+    top_any_ += others != 0 ? 1 : 0;
+    return node.child[last];
+  }
+
+  Near* const first_;
+  Any* const first_any_;
+  Near* top_;
+  Any* top_any_;
 };
 
 #endif

@@ -142,8 +142,8 @@ PH_INLINE Slabs slabs_of(Vec3 origin, Vec3 d) {
           {entry(0, inverse.x), entry(1, inverse.y), entry(2, inverse.z)}};
 }
 
-// Bit i: the ray meets child i's box before `limit`, which has the slack; near: where.
-PH_INLINE u32 test_boxes(const Node& node, const Slabs& ray, float limit, Lanes& near) {
+// By lane, whether the ray meets that child's box before `limit`, which has the slack; near: where.
+PH_INLINE LaneMask test_boxes(const Node& node, const Slabs& ray, float limit, Lanes& near) {
   static_assert(sizeof(Node) == 2 * sizeof(node.low) + sizeof(node.child));  // no gaps
   const float* const bounds = node.low[0];  // low and high are one array of six rows of sixteen
   const Vec3 o = ray.origin, in = ray.inverse, out = ray.inverse_far;
@@ -156,23 +156,7 @@ PH_INLINE u32 test_boxes(const Node& node, const Slabs& ray, float limit, Lanes&
   // A ray within a box's plane makes 0 * inf = NaN, which min and max then pass over.
   // By itself only in this order: of max(max(x0, y0), ...) a NaN of y would pass over x, too.
   near = max(x0, max(y0, max(z0, all(0.0f))));
-  return bits(near <= min(x1, min(y1, min(z1, all(limit)))));
-}
-
-// Puts the children of a node that a ray meets, a bit for each in `hits`, on the stack, but for the
-// next to visit. False if that has to be taken from the stack.
-template <bool kAny>
-PH_INLINE bool descend(const Node& node, u32 hits, const Lanes& near, Stack& stack, Child& next) {
-  if constexpr (kAny) {
-    return stack.push(node, hits, next);
-  } else if ((hits & (hits - 1)) != 0) {
-    next = stack.push(node, near, hits);
-    return true;
-  } else if (hits != 0) {  // what is next need not wait for the stack
-    next = node.child[lowest_bit(hits)];
-    return true;
-  }
-  return false;
+  return near <= min(x1, min(y1, min(z1, all(limit))));
 }
 
 // On from a child, and from what the stack holds.
@@ -186,8 +170,8 @@ PH_INLINE bool walk_on(const SceneView& scene, Child next, Stack& stack, const S
     } else {
       const Node& node = scene.nodes[next];
       Lanes near;
-      const u32 hits = test_boxes(node, slabs, best.hit.t * kSlabSlack, near);
-      there = descend<kAny>(node, hits, near, stack, next);
+      const LaneMask hits = test_boxes(node, slabs, best.hit.t * kSlabSlack, near);
+      there = stack.push<kAny>(node, near, hits, next);
     }
     if (there) continue;
     if (kAny ? !stack.pop(next) : !stack.pop(next, best.hit.t * kSlabSlack)) return false;

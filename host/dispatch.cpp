@@ -4,8 +4,20 @@
 #include "errors.h"
 #include "kernels.h"
 
+#if defined(PARHELION_X86)
+#include <cpuid.h>
+#endif
+
 namespace parhelion {
 namespace {
+
+#if defined(PARHELION_X86)
+// __builtin_cpu_supports of Clang 14 knows no lzcnt.
+bool has_lzcnt() {
+  unsigned a = 0, b = 0, c = 0, d = 0;
+  return __get_cpuid(0x80000001u, &a, &b, &c, &d) != 0 && (c & 1u << 5) != 0;
+}
+#endif
 
 // In rising order; the last that the processor has is the default.
 std::vector<const Kernels*> runnable() {
@@ -13,7 +25,7 @@ std::vector<const Kernels*> runnable() {
   std::vector<const Kernels*> sets = {&sse42::kKernels};
   __builtin_cpu_init();
   const bool haswell = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") &&
-                       __builtin_cpu_supports("bmi2");
+                       __builtin_cpu_supports("bmi2") && has_lzcnt();
   if (haswell) sets.push_back(&avx2::kKernels);
   if (haswell && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
       __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {

@@ -11,6 +11,7 @@
 #include <limits>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "../../core/packet.h"
@@ -21,6 +22,87 @@
 namespace {
 
 using namespace parhelion;
+
+// A walk visits the nearest child of the node it was at, as far as its limit goes, and then goes
+// back; where any hit will do, the last.
+template <bool kAny>
+void stacks_give_what_is_next() {
+  using namespace baseline;
+  std::mt19937 random(1);
+  u64 given = 0, beyond = 0;
+  for (u32 walk = 0; walk < 200; ++walk) {
+    struct Left {
+      float near;
+      u32 lane;
+      Child child;
+    };
+    std::vector<std::vector<Left>> levels;
+    std::vector<Node> nodes(400);
+    Stack::Room room;
+    Stack stack(room);
+    float limit = kInfinity;
+    const auto expected = [&](Child& child) {
+      for (; !levels.empty(); levels.pop_back()) {
+        std::vector<Left>& level = levels.back();
+        const auto first = std::min_element(level.begin(), level.end(), [](Left a, Left b) {
+          return kAny ? a.lane > b.lane : std::pair(a.near, a.lane) < std::pair(b.near, b.lane);
+        });
+        if (first == level.end() || !(kAny || first->near <= limit)) {
+          beyond += first != level.end() ? 1 : 0;
+          continue;
+        }
+        child = first->child;
+        level.erase(first);
+        return true;
+      }
+      return false;
+    };
+    for (u32 i = 0; i < nodes.size(); ++i) {
+      Child next = kNone, known = kNone;
+      bool there = false;
+      if (levels.size() < kMaxTreeDepth && random() % 3 != 0) {
+        alignas(64) float near[16], met[16];
+        std::vector<Left> level;
+        const u32 of_sixteen = random() % 17;
+        for (u32 k = 0; k < 16; ++k) {
+          nodes[i].child[k] = 16 * i + k;
+          near[k] = static_cast<float>(random() % 64) * 0.25f;  // some are the same
+          met[k] = random() % 16 < of_sixteen ? 1.0f : 0.0f;
+          if (met[k] > 0.0f) level.push_back({near[k], k, nodes[i].child[k]});
+        }
+        const bool any = !level.empty();
+        const LaneMask hits = all(0.0f) < load(met);
+        if (levels.empty() && i % 2 == 0) {
+          Stack::Start start;
+          Stack::prepare<kAny>(nodes[i], load(near), hits, start);
+          there = stack.begin<kAny>(start, next);
+          CHECK(there == any);
+        } else {
+          there = stack.push<kAny>(nodes[i], load(near), hits, next);
+        }
+        levels.push_back(level);
+        if (there) {  // the nearest, however far away
+          const float own = std::exchange(limit, kInfinity);
+          CHECK(expected(known) && next == known);
+          limit = own;
+          ++given;
+          continue;
+        }
+      } else if (random() % 8 == 0) {
+        limit = std::min(limit, static_cast<float>(random() % 64) * 0.25f);
+      }
+      if constexpr (kAny) {
+        there = stack.pop(next);
+      } else {
+        there = stack.pop(next, limit);
+      }
+      CHECK(there == expected(known) && next == known);
+      given += there ? 1 : 0;
+      if (!there) limit = kInfinity;
+    }
+  }
+  CHECK(given > 20'000 && (kAny ? beyond == 0 : beyond > 1'000));
+}
 
 // One path at a time, each ray is a walk, and each of them is counted among those that are timed,
 // also where rays pass holes.
@@ -417,6 +499,8 @@ void rays_of_users_meet_the_same_by_all_threads() {
 }  // namespace
 
 int main() {
+  stacks_give_what_is_next<false>();
+  stacks_give_what_is_next<true>();
   every_walk_is_counted();
   rays_meet_the_same_through_the_tree_and_without();
   rays_together_meet_what_each_meets();

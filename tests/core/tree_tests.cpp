@@ -55,7 +55,7 @@ void trees_cost_what_lines_meet() {
     const Slabs slabs = slabs_of(from, on_ball() - from);
     const auto met = [&](const Node& node) {
       Lanes near;
-      return test_boxes(node, slabs, kInfinity, near);
+      return bits(test_boxes(node, slabs, kInfinity, near));
     };
     if ((met(whole) & 1u) == 0) continue;
     ++lines;
