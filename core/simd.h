@@ -54,12 +54,12 @@ PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm256_movemask_ps(m)); }
 using Vi = __m256i;
 PH_INLINE Vi v_min(Vi a, Vi b) { return _mm256_min_epi32(a, b); }
 PH_INLINE Vm v_lt(Vi a, Vi b) { return _mm256_castsi256_ps(_mm256_cmpgt_epi32(b, a)); }
-PH_INLINE int v_least(Vi a) {
-  __m128i m = _mm_min_epi32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
-  m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0x4e));  // halves exchanged
-  m = _mm_min_epi32(m, _mm_shuffle_epi32(m, 0xb1));  // neighbours exchanged
-  return _mm_cvtsi128_si32(m);
+PH_INLINE Vi v_least(Vi a) {
+  a = _mm256_min_epi32(a, _mm256_permute2x128_si256(a, a, 1));  // halves exchanged
+  a = _mm256_min_epi32(a, _mm256_shuffle_epi32(a, 0x4e));       // quarters
+  return _mm256_min_epi32(a, _mm256_shuffle_epi32(a, 0xb1));    // neighbours
 }
+PH_INLINE int v_first(Vi a) { return _mm256_cvtsi256_si32(a); }
 PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
   __m256i n = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));
   n = _mm256_xor_si256(n, _mm256_set1_epi32(static_cast<int>(flipped)));
@@ -85,11 +85,11 @@ PH_INLINE u32 v_bits(Vm m) { return static_cast<u32>(_mm_movemask_ps(m)); }
 using Vi = __m128i;
 PH_INLINE Vi v_min(Vi a, Vi b) { return _mm_min_epi32(a, b); }
 PH_INLINE Vm v_lt(Vi a, Vi b) { return _mm_castsi128_ps(_mm_cmplt_epi32(a, b)); }
-PH_INLINE int v_least(Vi a) {
-  a = _mm_min_epi32(a, _mm_shuffle_epi32(a, 0x4e));
-  a = _mm_min_epi32(a, _mm_shuffle_epi32(a, 0xb1));
-  return _mm_cvtsi128_si32(a);
+PH_INLINE Vi v_least(Vi a) {
+  a = _mm_min_epi32(a, _mm_shuffle_epi32(a, 0x4e));     // halves exchanged
+  return _mm_min_epi32(a, _mm_shuffle_epi32(a, 0xb1));  // neighbours
 }
+PH_INLINE int v_first(Vi a) { return _mm_cvtsi128_si32(a); }
 PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
   __m128i n = _mm_loadu_si128(reinterpret_cast<const __m128i*>(p));
   n = _mm_xor_si128(n, _mm_set1_epi32(static_cast<int>(flipped)));
@@ -123,10 +123,11 @@ PH_INLINE u32 v_bits(Vm m) {
 using Vi = Vm;
 PH_INLINE Vi v_min(Vi a, Vi b) { return a < b ? a : b; }
 PH_INLINE Vm v_lt(Vi a, Vi b) { return a < b; }
-PH_INLINE int v_least(Vi a) {
-  const int first = a[0] < a[1] ? a[0] : a[1], last = a[2] < a[3] ? a[2] : a[3];
-  return first < last ? first : last;
+PH_INLINE Vi v_least(Vi a) {
+  a = v_min(a, Vi{a[2], a[3], a[0], a[1]});
+  return v_min(a, Vi{a[1], a[0], a[3], a[2]});
 }
+PH_INLINE int v_first(Vi a) { return a[0]; }
 PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
   u32 r = 0;
   for (u32 k = 0; k < 4; ++k) r |= ((p[k] ^ flipped) & some) == 0 ? 1u << k : 0u;
@@ -151,7 +152,8 @@ PH_INLINE u32 v_bits(Vm m) { return m ? 1u : 0u; }
 using Vi = int;
 PH_INLINE Vi v_min(Vi a, Vi b) { return a < b ? a : b; }
 PH_INLINE Vm v_lt(Vi a, Vi b) { return a < b; }
-PH_INLINE int v_least(Vi a) { return a; }
+PH_INLINE Vi v_least(Vi a) { return a; }
+PH_INLINE int v_first(Vi a) { return a; }
 PH_INLINE u32 v_zeros(const u32* p, u32 flipped, u32 some) {
   return ((*p ^ flipped) & some) == 0 ? 1u : 0u;
 }
@@ -379,11 +381,16 @@ PH_INLINE LaneInts select(const LaneMask& m, const LaneInts& a, const LaneInts& 
   }
   return r;
 }
-PH_INLINE int least(const LaneInts& a) {
-  Vi r = a.part[0];
-  for (int k = 1; k < kParts; ++k) r = v_min(r, a.part[k]);
-  return v_least(r);
+// In all lanes.
+PH_INLINE LaneInts least(const LaneInts& a) {
+  Vi one = a.part[0];
+  for (int k = 1; k < kParts; ++k) one = v_min(one, a.part[k]);
+  one = v_least(one);
+  LaneInts r;
+  for (Vi& part : r.part) part = one;
+  return r;
 }
+PH_INLINE int first(const LaneInts& a) { return v_first(a.part[0]); }
 #endif
 
 // Bit i: number i has 0 in some bits, after others were flipped.

@@ -220,10 +220,10 @@ class Stack {
   }
   // The nearest, of one or more; the others, if there are some, stay on top.
   PH_INLINE Child pick(const Node& node, const LaneInts& key, u32 hits) {
-    const int nearest = least(key);
-    *top_ = {select(key < all(nearest + 1), all(kTaken), key), &node};
+    const LaneInts nearest = least(key);
+    *top_ = {select(nearest < key, key, all(kTaken)), &node};
     top_ += (hits & (hits - 1)) != 0 ? 1 : 0;
-    return node.child[nearest & 15];
+    return node.child[first(nearest) & 15];
   }
   // The node's last.
   PH_INLINE Child pick(const Node& node, u32 hits) {
