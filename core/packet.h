@@ -210,8 +210,8 @@ template <bool kAny>
 PH_APART inline void walk_alone(const SceneView& scene, const Node& node, u32 lane,
                                 const Bundle& bundle, Packet& rays) {
   test_alone<kAny>(node, lane, bundle, rays, [&](u32 k, const Ray& ray, NearestHit& best) {
-    Stack::Room room;
-    Stack stack(room);
+    typename Stack<kAny>::Room room;
+    Stack<kAny> stack(room);
     const Slabs slabs = rays.slabs.at(k, ray.origin);
     return walk_on<kAny, false>(scene, node.child[lane], stack, slabs, ray, best);
   });

@@ -44,7 +44,7 @@ PH_INLINE u32 walk_each(const SceneView& scene, const Rows<Vec3, kBatch>& direct
   SlabRows slabs;
   find_slabs(direction, slabs);
   const Node& root = scene.nodes[scene.root];
-  Stack::Start start[kBatch];
+  typename Stack<kAny>::Start start[kBatch];
   for_each_bit(lanes, [&](u32 k) {
     Lanes near;
     const Ray ray = ray_at(k);
@@ -53,7 +53,7 @@ PH_INLINE u32 walk_each(const SceneView& scene, const Rows<Vec3, kBatch>& direct
     const bool good = is_number(ray.origin, ray.direction);
     const float limit = good ? best[k].hit.t * kSlabSlack : -1.0f;
     const LaneMask hits = test_boxes(root, own, limit, near);
-    Stack::prepare<kAny>(root, near, hits, start[k]);
+    Stack<kAny>::prepare(root, near, hits, start[k]);
   });
   for_each_bit(lanes, [&](u32 k) {
     const Ray ray = ray_at(k);

@@ -161,7 +161,7 @@ PH_INLINE LaneMask test_boxes(const Node& node, const Slabs& ray, float limit, L
 
 // On from a child, and from what the stack holds.
 template <bool kAny, bool kInside>
-PH_INLINE bool walk_on(const SceneView& scene, Child next, Stack& stack, const Slabs& slabs,
+PH_INLINE bool walk_on(const SceneView& scene, Child next, Stack<kAny>& stack, const Slabs& slabs,
                        const Ray& ray, NearestHit& best) {
   for (;;) {
     bool there = false;
@@ -171,28 +171,27 @@ PH_INLINE bool walk_on(const SceneView& scene, Child next, Stack& stack, const S
       const Node& node = scene.nodes[next];
       Lanes near;
       const LaneMask hits = test_boxes(node, slabs, best.hit.t * kSlabSlack, near);
-      there = stack.push<kAny>(node, near, hits, next);
+      there = stack.push(node, near, hits, next);
     }
-    if (there) continue;
-    if (kAny ? !stack.pop(next) : !stack.pop(next, best.hit.t * kSlabSlack)) return false;
+    if (!there && !stack.pop(next, best.hit.t * kSlabSlack)) return false;
   }
 }
 
 template <bool kAny, bool kInside>
 inline bool walk_tree(const SceneView& scene, Child root, const Ray& ray, NearestHit& best) {
-  Stack::Room room;
-  Stack stack(room);
+  typename Stack<kAny>::Room room;
+  Stack<kAny> stack(room);
   return walk_on<kAny, kInside>(scene, root, stack, slabs_of(ray.origin, ray.direction), ray, best);
 }
 
 // From some children of a node on.
 template <bool kAny>
-inline bool walk_from(const SceneView& scene, const Stack::Start& start, const Slabs& slabs,
-                      const Ray& ray, NearestHit& best) {
-  Stack::Room room;
-  Stack stack(room);
+inline bool walk_from(const SceneView& scene, const typename Stack<kAny>::Start& start,
+                      const Slabs& slabs, const Ray& ray, NearestHit& best) {
+  typename Stack<kAny>::Room room;
+  Stack<kAny> stack(room);
   Child next;
-  if (!stack.begin<kAny>(start, next)) return false;
+  if (!stack.begin(start, next)) return false;
   return walk_on<kAny, false>(scene, next, stack, slabs, ray, best);
 }
 

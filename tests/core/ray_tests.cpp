@@ -31,20 +31,25 @@ void stacks_give_what_is_next() {
   std::mt19937 random(1);
   u64 given = 0, beyond = 0;
   for (u32 walk = 0; walk < 200; ++walk) {
-    struct Left {
+    struct Open {
       float near;
       u32 lane;
       Child child;
     };
-    std::vector<std::vector<Left>> levels;
+    std::vector<std::vector<Open>> levels;
     std::vector<Node> nodes(400);
-    Stack::Room room;
-    Stack stack(room);
+    typename Stack<kAny>::Room room;
+    Stack<kAny> stack(room);
     float limit = kInfinity;
+    // Sixteen floats apart, which is as far as they are told apart; some are the same.
+    const auto distance = [&] {
+      const u32 step = static_cast<u32>(random() % 64);
+      return step == 0 ? 0u : 0x40000000u + 16 * step;
+    };
     const auto expected = [&](Child& child) {
       for (; !levels.empty(); levels.pop_back()) {
-        std::vector<Left>& level = levels.back();
-        const auto first = std::min_element(level.begin(), level.end(), [](Left a, Left b) {
+        std::vector<Open>& level = levels.back();
+        const auto first = std::min_element(level.begin(), level.end(), [](Open a, Open b) {
           return kAny ? a.lane > b.lane : std::pair(a.near, a.lane) < std::pair(b.near, b.lane);
         });
         if (first == level.end() || !(kAny || first->near <= limit)) {
@@ -62,23 +67,24 @@ void stacks_give_what_is_next() {
       bool there = false;
       if (levels.size() < kMaxTreeDepth && random() % 3 != 0) {
         alignas(64) float near[16], met[16];
-        std::vector<Left> level;
+        std::vector<Open> level;
         const u32 of_sixteen = random() % 17;
         for (u32 k = 0; k < 16; ++k) {
           nodes[i].child[k] = 16 * i + k;
-          near[k] = static_cast<float>(random() % 64) * 0.25f;  // some are the same
+          const u32 own = distance();
+          near[k] = std::bit_cast<float>(own | static_cast<u32>(random() % 16));
           met[k] = random() % 16 < of_sixteen ? 1.0f : 0.0f;
-          if (met[k] > 0.0f) level.push_back({near[k], k, nodes[i].child[k]});
+          if (met[k] > 0.0f) level.push_back({std::bit_cast<float>(own), k, nodes[i].child[k]});
         }
         const bool any = !level.empty();
         const LaneMask hits = all(0.0f) < load(met);
         if (levels.empty() && i % 2 == 0) {
-          Stack::Start start;
-          Stack::prepare<kAny>(nodes[i], load(near), hits, start);
-          there = stack.begin<kAny>(start, next);
+          typename Stack<kAny>::Start start;
+          Stack<kAny>::prepare(nodes[i], load(near), hits, start);
+          there = stack.begin(start, next);
           CHECK(there == any);
         } else {
-          there = stack.push<kAny>(nodes[i], load(near), hits, next);
+          there = stack.push(nodes[i], load(near), hits, next);
         }
         levels.push_back(level);
         if (there) {  // the nearest, however far away
@@ -89,13 +95,9 @@ void stacks_give_what_is_next() {
           continue;
         }
       } else if (random() % 8 == 0) {
-        limit = std::min(limit, static_cast<float>(random() % 64) * 0.25f);
+        limit = std::min(limit, std::bit_cast<float>(distance()));
       }
-      if constexpr (kAny) {
-        there = stack.pop(next);
-      } else {
-        there = stack.pop(next, limit);
-      }
+      there = stack.pop(next, limit);
       CHECK(there == expected(known) && next == known);
       given += there ? 1 : 0;
       if (!there) limit = kInfinity;
@@ -191,6 +193,9 @@ void rays_together_meet_what_each_meets() {
         origin.set(k, Vec3{a.x, a.y, b.x} * scale + way * (i % 5 == 0 ? 0.1f * scale : 0.0f));
         direction.set(k, normalize(middle + way * spread));
       }
+      // Those that are no rays meet nothing.
+      if (i % 28 == 3) origin.set(lowest_bit(lanes), Vec3{NAN, 0, 0});
+      if (i % 28 == 8) direction.set(lowest_bit(lanes), Vec3{0, 1, NAN});
       float t[kBatch], t_apart[kBatch];
       SlotRows<kBatch> slot, slot_apart;
       intersect_close(scene.view(), origin, direction, lanes, t, slot);
