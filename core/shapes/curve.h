@@ -465,10 +465,11 @@ inline bool nearest(const Curve& c, const Ray& ray, float limit, bool self, floa
   return found;
 }
 
-// Distances to the block's segments, and a bit for each that is hit at 0 < t <= limit. self_lane:
-// the lane that the ray starts on, or kNone.
-PH_INLINE u32 intersect(const CurveBlock& block, const Ray& ray, float limit, u32 self_lane,
-                        float* distance) {
+// found(lane, t) for each of the block's segments that is hit at 0 < t <= limit. self_lane: the
+// lane that the ray starts on, or kNone.
+template <class Found>
+PH_INLINE void intersect(const CurveBlock& block, const Ray& ray, float limit, u32 self_lane,
+                         Found&& found) {
   const Frame frame = frame_around(ray.direction);
   const LaneVec3 origin = all(ray.origin), d = all(ray.direction);
   const LaneVec3 axis_x = all(frame.x), axis_y = all(frame.y);
@@ -486,14 +487,11 @@ PH_INLINE u32 intersect(const CurveBlock& block, const Ray& ray, float limit, u3
   // against lines by less than 8 more.
   h.reach = widest * all(1.0f + 16.0f * kRounding) + sqrt(size) * all(24.0f * kRounding);
   u32 candidates = bits(hulls_met(h) & hulls_within(h, all(0.0f), all(limit)));
-  u32 hit = 0;
   for (; candidates != 0; candidates &= candidates - 1) {
     const u32 lane = lowest_bit(candidates);
-    if (nearest(primitive(block, lane), ray, limit, lane == self_lane, distance[lane])) {
-      hit |= 1u << lane;
-    }
+    float t;
+    if (nearest(primitive(block, lane), ray, limit, lane == self_lane, t)) found(lane, t);
   }
-  return hit;
 }
 
 // Where a ray meets the surface at distance t. The parameter is (the share of a ribbon's width, v).

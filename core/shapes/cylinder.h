@@ -76,10 +76,11 @@ PH_INLINE bool cross_walls(const Cylinder& c, Vec3 origin, Vec3 direction, WallP
   return meets;
 }
 
-// Distances to the block's tubes, and a bit for each that is hit at 0 < t <= limit. self_lane: the
-// lane that the ray starts on, or kNone. Of that tube only the far wall counts.
-PH_INLINE u32 intersect(const CylinderBlock& block, const Ray& ray, float limit, u32 self_lane,
-                        float* distance) {
+// found(lane, t) for each of the block's tubes that is hit at 0 < t <= limit. self_lane: the lane
+// that the ray starts on, or kNone. Of that tube only the far wall counts.
+template <class Found>
+PH_INLINE void intersect(const CylinderBlock& block, const Ray& ray, float limit, u32 self_lane,
+                         Found&& found) {
   const LaneVec3 start = load(block.start);
   const LaneVec3 f = start - all(ray.origin), e = load(block.end) - start;
   const LaneVec3 d = all(ray.direction), m = cross(d, e);
@@ -88,7 +89,6 @@ PH_INLINE u32 intersect(const CylinderBlock& block, const Ray& ray, float limit,
   const Lanes reach =
       r * sqrt(dot(m, m)) + (sqrt(dot(f, f)) + r) * sqrt(dot(e, e)) * all(16.0f * kRounding);
   u32 candidates = bits(triple * triple <= reach * reach * all(1.0f + 16.0f * kRounding));
-  u32 hit = 0;
   for (; candidates != 0; candidates &= candidates - 1) {
     const u32 lane = lowest_bit(candidates);
     WallPoints at;
@@ -98,12 +98,10 @@ PH_INLINE u32 intersect(const CylinderBlock& block, const Ray& ray, float limit,
     for (int i = self ? 1 : 0; i < 2; ++i) {
       const float t = static_cast<float>(at.t[i]);
       if (!at.between[i] || !(t > 0.0f) || !(t <= limit)) continue;
-      distance[lane] = t;
-      hit |= 1u << lane;
+      found(lane, t);
       break;
     }
   }
-  return hit;
 }
 
 // Where a ray meets the surface at distance t. The point is brought back onto the wall. The

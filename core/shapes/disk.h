@@ -64,10 +64,11 @@ PH_INLINE bool cross_plane(const Disk& d, Vec3 origin, Vec3 direction, PlanePoin
   return crosses;
 }
 
-// Distances to the block's disks, and a bit for each that is hit at 0 < t <= limit.
-// self_lane: the lane that the ray starts on, which is never hit, or kNone.
-PH_INLINE u32 intersect(const DiskBlock& block, const Ray& ray, float limit, u32 self_lane,
-                        float* distance) {
+// found(lane, t) for each of the block's disks that is hit at 0 < t <= limit. self_lane: the lane
+// that the ray starts on, which is never hit, or kNone.
+template <class Found>
+PH_INLINE void intersect(const DiskBlock& block, const Ray& ray, float limit, u32 self_lane,
+                         Found&& found) {
   const LaneVec3 f = load(block.center) - all(ray.origin);
   const LaneVec3 u = load(block.axis_u), v = load(block.axis_v), d = all(ray.direction);
   const LaneVec3 off = f - d * dot(f, d);
@@ -76,17 +77,13 @@ PH_INLINE u32 intersect(const DiskBlock& block, const Ray& ray, float limit, u32
   const Lanes reach = sqrt(max(dot(u, u), dot(v, v))) + sqrt(dot(f, f)) * all(16.0f * kRounding);
   u32 candidates = bits(dot(off, off) <= reach * reach * all(1.0f + 16.0f * kRounding));
   if (self_lane != kNone) candidates &= ~(1u << self_lane);
-  u32 hit = 0;
   for (; candidates != 0; candidates &= candidates - 1) {
     const u32 lane = lowest_bit(candidates);
     PlanePoint at;
     if (!cross_plane(primitive(block, lane), ray.origin, ray.direction, at)) continue;
-    distance[lane] = static_cast<float>(at.t);
-    if (at.a * at.a + at.b * at.b <= 1.0 && distance[lane] > 0.0f && distance[lane] <= limit) {
-      hit |= 1u << lane;
-    }
+    const float t = static_cast<float>(at.t);
+    if (at.a * at.a + at.b * at.b <= 1.0 && t > 0.0f && t <= limit) found(lane, t);
   }
-  return hit;
 }
 
 // Where a ray that hits meets the surface. The parameter is the place in terms of the axes.

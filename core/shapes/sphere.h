@@ -54,10 +54,11 @@ PH_INLINE float first_root(float along, float under, float depth) {
   return ahead && other <= 0.0f ? q : other;
 }
 
-// Distances to the block's spheres, and a bit for each that is hit at 0 < t <= limit.
-// self_lane: the lane that the ray starts on, or kNone.
-PH_INLINE u32 intersect(const SphereBlock& block, const Ray& ray, float limit, u32 self_lane,
-                        float* distance) {
+// found(lane, t) for each of the block's spheres that is hit at 0 < t <= limit. self_lane: the lane
+// that the ray starts on, or kNone.
+template <class Found>
+PH_INLINE void intersect(const SphereBlock& block, const Ray& ray, float limit, u32 self_lane,
+                         Found&& found) {
   const Lanes fx = load(block.x) - all(ray.origin.x);
   const Lanes fy = load(block.y) - all(ray.origin.y);
   const Lanes fz = load(block.z) - all(ray.origin.z);
@@ -68,23 +69,20 @@ PH_INLINE u32 intersect(const SphereBlock& block, const Ray& ray, float limit, u
   u32 touched = bits(all(0.0f) <= discriminant) & bits(all(0.0f) < max(b, inside));
   // What leaves a sphere for the outside meets it no more. kNone falls on bit 31, which is no lane.
   if (!ray.inward) touched &= ~(1u << self_lane % 32);
-  if (touched == 0) return 0;
+  if (touched == 0) return;
   // Few of sixteen are: their roots one by one are faster than sixteen at once.
   alignas(64) float along[16], under[16], depth[16];
   store(along, b);
   store(under, discriminant);
   store(depth, inside);
-  u32 hit = 0;
   do {
     const u32 lane = lowest_bit(touched);
     touched &= touched - 1;
     // Of the sphere underfoot c is 0 exactly: one root is 0, the other 2b.
     const float t = lane == self_lane ? along[lane] + along[lane]
                                       : first_root(along[lane], under[lane], depth[lane]);
-    distance[lane] = t;
-    hit |= static_cast<u32>(t > 0.0f && t <= limit) << lane;
+    if (t > 0.0f && t <= limit) found(lane, t);
   } while (touched != 0);
-  return hit;
 }
 
 // A bit for each of the block's spheres that some ray of a bundle may hit before `limit`.

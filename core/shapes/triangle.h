@@ -95,19 +95,27 @@ PH_INLINE bool pierced(const Triangle& t, const Ray& ray, const Shear& shear, We
   return (below | above) & (w.sum != 0.0);
 }
 
-// Distance at which a ray passes through a triangle that is no mere line, `along` being its fastest
-// axis. Without branches all is worked out.
-template <bool kBranches = true>
-PH_INLINE float distance_to(const Triangle& t, Vec3 origin, Vec3 direction, int along) {
+// How far below a triangle's plane a ray starts, and how fast it rises, both times the length of
+// doubled_area.
+struct Climb {
+  double height, slope;
+};
+
+PH_INLINE Climb climb_to(const Triangle& t, Vec3 origin, Vec3 direction) {
   const DVec3 n = doubled_area(t);
+  return {dot(n, difference(t.vertex[0], origin)), dot(n, to_double(direction))};
+}
+
+// Distance at which a ray passes through a triangle that is no mere line. Of the ray, and of the
+// triangle's vertices, what lies along the ray's fastest axis. Without branches all is worked out.
+template <bool kBranches = true>
+PH_INLINE float distance_to(const Climb& climb, float origin, float direction, Vec3 vertices) {
   // By the plane: the weights' rounding would make a distance of the 0 at which a ray that starts
   // on a neighbour's edge meets this one. Of rays along the plane, between the vertices'.
-  const double height = dot(n, difference(t.vertex[0], origin));
-  double at = height / dot(n, to_double(direction));
-  const double start = component(origin, along), step = component(direction, along);
-  const float a = component(t.vertex[0], along), b = component(t.vertex[1], along);
-  const float c = component(t.vertex[2], along);
-  const double low = min(a, min(b, c)), high = max(a, max(b, c));
+  double at = climb.height / climb.slope;
+  const double start = origin, step = direction;
+  const double low = min(vertices.x, min(vertices.y, vertices.z));
+  const double high = max(vertices.x, max(vertices.y, vertices.z));
   const double z = start + at * step;
   if (!kBranches || z < low || z > high) {
     const double between = (clamp(z, low, high) - start) / step;
@@ -121,6 +129,7 @@ PH_INLINE float distance_to(const Triangle& t, Vec3 origin, Vec3 direction, int 
 struct Passed {
   u32 may;     // the ray may pass through at a distance in (0, limit]
   u32 does;    // of all: it passes through, at whatever distance
+  u32 ahead;   // of all: if it does, it is at a distance above 0
   u32 within;  // of all: if it does, it is at a distance in (0, limit]
 };
 
@@ -141,14 +150,15 @@ PH_INLINE Passed pass(Vertex&& vertex, const Lanes& origin_x, const Lanes& origi
   const Lanes c = x[1] * y[0] - y[1] * x[0];
   const Lanes least = min(a, min(b, c)), most = max(a, max(b, c)), zero = all(0.0f);
   const u32 may = bits((zero <= least) | (most <= zero));
-  if (may == 0) return {0, 0, 0};
+  if (may == 0) return {0, 0, 0, 0};
   // The distance lies between those of the vertices along z, each of them rounded three times.
   for (Lanes& along : z) along = along * inverse;
   const Lanes nearest = min(z[0], min(z[1], z[2])), farthest = max(z[0], max(z[1], z[2]));
   constexpr float kSlack = 0x1p-21f;
+  const u32 ahead = bits(zero < nearest);
   return {may & bits((zero < farthest) & (nearest <= limit * all(1.0f + kSlack))),
-          bits((zero < least) | (most < zero)),
-          bits((zero < nearest) & (farthest <= limit * all(1.0f - kSlack)))};
+          bits((zero < least) | (most < zero)), ahead,
+          ahead & bits(farthest <= limit * all(1.0f - kSlack))};
 }
 
 // A block's triangles and one ray.
@@ -166,24 +176,30 @@ PH_INLINE bool met(const TriangleBlock& block, u32 lane, const Passed& passed, c
   const Triangle t = primitive(block, lane);
   Weights w;
   if ((passed.does >> lane & 1u) == 0 && !pierced(t, ray, shear, w)) return false;
-  distance = distance_to(t, ray.origin, ray.direction, shear.z);
+  const Climb climb = climb_to(t, ray.origin, ray.direction);
+  // What lies behind, as what a ray has just left does, is told without a division: where a vertex
+  // lies behind, so would what distance_to puts between these.
+  if ((passed.ahead >> lane & 1u) == 0 && climb.height * climb.slope < 0.0) return false;
+  const auto along = [&](int k) { return block.vertex[k][shear.z][lane]; };
+  distance = distance_to(climb, component(ray.origin, shear.z), component(ray.direction, shear.z),
+                         {along(0), along(1), along(2)});
   return distance > 0.0f && distance <= limit;
 }
 
-// Distances to the block's triangles, and a bit for each that is hit at 0 < t <= limit.
-// self_lane: the lane that the ray starts on, which is never hit, or kNone. The direction may have
-// any length.
-PH_INLINE u32 intersect(const TriangleBlock& block, const Ray& ray, float limit, u32 self_lane,
-                        float* distance) {
+// found(lane, t) for each of the block's triangles that is hit at 0 < t <= limit. self_lane: the
+// lane that the ray starts on, which is never hit, or kNone. The direction may have any length.
+template <class Found>
+PH_INLINE void intersect(const TriangleBlock& block, const Ray& ray, float limit, u32 self_lane,
+                         Found&& found) {
   const Shear shear = shear_along(ray.direction);
   const Passed passed = pass(block, ray, shear, limit);
-  u32 may = passed.may, hit = 0;
+  u32 may = passed.may;
   if (self_lane != kNone) may &= ~(1u << self_lane);
   for (; may != 0; may &= may - 1) {
     const u32 lane = lowest_bit(may);
-    if (met(block, lane, passed, ray, shear, limit, distance[lane])) hit |= 1u << lane;
+    float t;
+    if (met(block, lane, passed, ray, shear, limit, t)) found(lane, t);
   }
-  return hit;
 }
 
 // A bit for each of the block's triangles that some ray of a bundle may hit before `limit`. Sheared
@@ -254,8 +270,12 @@ PH_INLINE bool intersect_rays(const Triangle& t, const Rows<Vec3, kLanes>& origi
     hits |= (pierced(t, ray, shear_along(ray.direction), w) ? 1u : 0u) << k;
   });
   if (hits == 0) return false;
+  const Vec3 vertices = {component(t.vertex[0], along), component(t.vertex[1], along),
+                         component(t.vertex[2], along)};
   for (u32 k = 0; k < kLanes; ++k) {
-    const float at = distance_to<false>(t, origin.at(k), direction.at(k), along);
+    const Climb climb = climb_to(t, origin.at(k), direction.at(k));
+    const float at =
+        distance_to<false>(climb, origin.row[along][k], direction.row[along][k], vertices);
     distance[k] = (hits >> k & 1u) != 0 ? at : 0.0f;
   }
   return true;

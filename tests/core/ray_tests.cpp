@@ -326,7 +326,9 @@ struct BundleMet {
       for (u32 k = 0; k < kBatch; ++k) {
         float t[16];
         const Ray ray = rays.at(k);
-        const u32 met = intersect(block, ray, limits[k], kNone, t);
+        u32 met = 0;
+        intersect(block, ray, limits[k], kNone,
+                  [&](u32 j, float distance) { met |= 1u << j, t[j] = distance; });
         CHECK((met & ~may) == 0);
         hits += std::popcount(met);
         for (u32 j = 0; j < 16; ++j) {

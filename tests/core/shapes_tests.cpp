@@ -109,11 +109,13 @@ bool hits(const Shape& shape, const Ray& ray, float& t, bool self = false,
   auto block = empty_block<typename BlockOf<Shape>::type>();
   const u32 lane = engine() & 15u;
   put(block, lane, shape);
-  float distance[16];
-  const u32 bits = intersect(block, ray, limit, self ? lane : kNone, distance);
-  CHECK((bits & ~(1u << lane)) == 0);
-  t = distance[lane];
-  return bits != 0;
+  int found = 0;
+  intersect(block, ray, limit, self ? lane : kNone, [&](u32 k, float distance) {
+    CHECK(k == lane);
+    t = distance, ++found;
+  });
+  CHECK(found <= 1);
+  return found != 0;
 }
 
 // --- Shapes at random
@@ -179,28 +181,91 @@ void meshes_have_no_gaps(float squash, float radius, Vec3 middle, float far) {
     if (far > 0.0f) ray = ray_to(middle - any_direction() * far, middle);
     int found = 0;
     for (const TriangleBlock& block : blocks) {
-      float t[16];
-      u32 bits = intersect(block, ray, kInfinity, kNone, t);
-      for (; bits != 0; bits &= bits - 1) {
-        const u32 lane = lowest_bit(bits);
+      intersect(block, ray, kInfinity, kNone, [&](u32 lane, float t) {
         const Triangle triangle = primitive(block, lane);
         SurfacePoint at;
-        surface(triangle, ray, t[lane], at);
+        surface(triangle, ray, t, at);
         CHECK(within(bounds(triangle), real(at.point)));
-        CHECK(length(at.point - (ray.origin + ray.direction * t[lane])) < 4e-7f);
+        CHECK(length(at.point - (ray.origin + ray.direction * t)) < 4e-7f);
         CHECK(std::abs(length(at.normal) - 1.0f) < 1e-6f);
         const Real3 n = cross(real(triangle.vertex[1]) - real(triangle.vertex[0]),
                               real(triangle.vertex[2]) - real(triangle.vertex[0]));
         const Real off = dot(n, real(at.point) - real(triangle.vertex[0])) / size(n);
         CHECK(std::abs(off) <= static_cast<Real>(at.error) + 1e-14L && at.error < 1e-7f);
         const u32 others = ~(1u << lane);
-        CHECK(intersect_any(block, ray, t[lane], others));
-        CHECK(!intersect_any(block, ray, t[lane] * 0.999999f, others));
+        CHECK(intersect_any(block, ray, t, others));
+        CHECK(!intersect_any(block, ray, t * 0.999999f, others));
         ++found;
-      }
+      });
     }
     CHECK(found >= 1);
   }
+}
+
+// Rays that start just before or behind a triangle that they pass through, its vertices lying on
+// both sides: met by those that long double has before it.
+void what_lies_behind_is_not_met() {
+  int told[2] = {};
+  for (int i = 0; i < 40000; ++i) {
+    const Vec3 middle = in_cube(0.5f);
+    const float radius = i % 2 == 0 ? 0.3f : 1e-3f;
+    Triangle t;
+    for (Vec3& v : t.vertex) v = middle + in_cube(radius);
+    const float b = 0.1f + 0.4f * uniform(), c = 0.1f + 0.4f * uniform();
+    const Vec3 target =
+        t.vertex[0] + (t.vertex[1] - t.vertex[0]) * b + (t.vertex[2] - t.vertex[0]) * c;
+    const Vec3 direction = any_direction();
+    const float back = radius * std::exp2(-15.0f * uniform()) * (engine() % 2 == 0 ? 1.0f : -1.0f);
+    const Ray ray = {target - direction * back, direction, kNoSlot, false};
+    const Real3 n =
+        cross(real(t.vertex[1]) - real(t.vertex[0]), real(t.vertex[2]) - real(t.vertex[0]));
+    const Real at = dot(n, real(t.vertex[0]) - real(ray.origin)) / dot(n, real(direction));
+    // Rounding may have moved the start past the plane, or, of what is seen edge-on, past an edge.
+    if (std::abs(at - static_cast<Real>(back)) > 0.01L * std::abs(static_cast<Real>(back)))
+      continue;
+    float distance;
+    const bool met = hits(t, ray, distance);
+    CHECK(met == (at > 0));
+    if (met) CHECK(std::abs(static_cast<Real>(distance) - at) < 1e-7L * std::abs(at));
+    ++told[met ? 1 : 0];
+  }
+  CHECK(told[0] > 15000 && told[1] > 15000);
+}
+
+// A triangle ahead that is seen from its edge is met there, wherever its rounded plane is.
+void edges_are_met_ahead() {
+  int met = 0;
+  for (int i = 0; i < 40000; ++i) {
+    const Frame f = frame_around(any_direction());
+    const Vec3 a = in_cube(0.3f);
+    Triangle t;
+    for (Vec3& v : t.vertex) v = a + f.x * (0.1f * uniform()) + f.y * (0.1f * uniform());
+    const float u = uniform(), v = uniform() * (1.0f - u);
+    const Vec3 target =
+        t.vertex[0] + (t.vertex[1] - t.vertex[0]) * u + (t.vertex[2] - t.vertex[0]) * v;
+    const Vec3 from = a - f.x * 0.3f;
+    const Ray ray = ray_to(from, target);
+    float distance;
+    const bool hit = hits(t, ray, distance);
+    // Sixteen rays at once take all distances in full.
+    Rows<Vec3, kLanes> origins, directions;
+    float limits[kLanes], distances[kLanes] = {};
+    for (u32 k = 0; k < kLanes; ++k) {
+      origins.set(k, ray.origin), directions.set(k, ray.direction), limits[k] = kInfinity;
+    }
+    intersect_rays(t, origins, directions, fastest_axis(ray.direction), limits, distances);
+    CHECK(hit == (distances[0] > 0.0f) && (!hit || distance == distances[0]));
+    if (!hit) continue;  // few are thick enough to be met
+    const int axis = fastest_axis(ray.direction);
+    float nearest = kInfinity, farthest = 0.0f;
+    for (const Vec3 p : t.vertex) {
+      const float at = component(p - from, axis) / component(ray.direction, axis);
+      nearest = std::min(nearest, at), farthest = std::max(farthest, at);
+    }
+    CHECK(distance > nearest * 0.999999f && distance < farthest * 1.000001f);
+    ++met;
+  }
+  CHECK(met > 5000);
 }
 
 // Needles a hundred thousand times as long as wide: the point is where long double has it.
@@ -615,6 +680,8 @@ int main() {
   meshes_have_no_gaps(1.0f, 1e-4f, {0.7f, 0.7f, 0.7f}, 0.0f);
   meshes_have_no_gaps(1.0f, 1e-4f, {0, 0, 0}, 1.0f);  // 1e4 sizes away
   meshes_have_no_gaps(1.0f, 1e-6f, {0.5f, 0.5f, 0}, 0.4f);
+  what_lies_behind_is_not_met();
+  edges_are_met_ahead();
   needles_are_met_where_they_are();
   lines_and_points_are_no_triangles();
   flat_shapes_are_not_met_again();
