@@ -97,13 +97,15 @@ struct Paths {
   // Takes paths that others have at some lanes and that have just begun and met something. Without
   // bodies no account of media ever holds anything.
   PH_APART void take(const LaneMoves& moves, const Paths& from, bool bodies) {
-    for_each_beginning([&](auto row, auto value) { fill_lanes(this->*row, value, moves); });
-    const auto take_rows = [&](auto... row) { (move_lanes(this->*row, from.*row, moves), ...); };
-    take_rows(&Paths::origin, &Paths::direction, &Paths::slot, &Paths::t, &Paths::width,
-              &Paths::spread, &Paths::travelled, &Paths::tag);
     samplers.kind = from.samplers.kind;
-    move_lanes(samplers.reversed_index, from.samplers.reversed_index, moves);
-    move_lanes(samplers.key, from.samplers.key, moves);
+    for_each_move(moves, [&](const LaneMove& m) {
+      for_each_beginning([&](auto row, auto value) { fill_lanes(this->*row, value, m); });
+      const auto take_rows = [&](auto... row) { (move_lanes(this->*row, from.*row, m), ...); };
+      take_rows(&Paths::origin, &Paths::direction, &Paths::slot, &Paths::t, &Paths::width,
+                &Paths::spread, &Paths::travelled, &Paths::tag);
+      move_lanes(samplers.reversed_index, from.samplers.reversed_index, m);
+      move_lanes(samplers.key, from.samplers.key, m);
+    });
     glossy &= ~moves.to;  // none has begun on a surface
     if (!bodies) return;
     for (u32 to = moves.to, others = moves.from; to != 0; to &= to - 1, others &= others - 1) {

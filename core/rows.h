@@ -42,30 +42,30 @@ struct SlotRows {
 
 // Lanes of rows, or of an array, from others'.
 template <class T, u32 kCount>
-PH_INLINE void move_lanes(Rows<T, kCount>& to, const Rows<T, kCount>& from, const LaneMoves& m) {
+PH_INLINE void move_lanes(Rows<T, kCount>& to, const Rows<T, kCount>& from, const LaneMove& m) {
   for (u32 r = 0; r < Rows<T, kCount>::kNumbers; ++r) move(to.row[r], from.row[r], m);
 }
 template <u32 kCount>
-PH_INLINE void move_lanes(SlotRows<kCount>& to, const SlotRows<kCount>& from, const LaneMoves& m) {
+PH_INLINE void move_lanes(SlotRows<kCount>& to, const SlotRows<kCount>& from, const LaneMove& m) {
   move(to.leaf, from.leaf, m), move(to.lane, from.lane, m), move(to.instance, from.instance, m);
 }
 template <class T, u32 kCount>
-PH_INLINE void move_lanes(T (&to)[kCount], const T (&from)[kCount], const LaneMoves& m) {
+PH_INLINE void move_lanes(T (&to)[kCount], const T (&from)[kCount], const LaneMove& m) {
   move(to, from, m);
 }
 
 // One value to lanes of rows, or of an array, that others are moved to.
 template <class T, u32 kCount>
-PH_INLINE void fill_lanes(Rows<T, kCount>& to, const T& value, const LaneMoves& m) {
+PH_INLINE void fill_lanes(Rows<T, kCount>& to, const T& value, const LaneMove& m) {
   const float* number = reinterpret_cast<const float*>(&value);
   for (u32 r = 0; r < Rows<T, kCount>::kNumbers; ++r) fill(to.row[r], number[r], m);
 }
 template <u32 kCount>
-PH_INLINE void fill_lanes(SlotRows<kCount>& to, const Slot& value, const LaneMoves& m) {
+PH_INLINE void fill_lanes(SlotRows<kCount>& to, const Slot& value, const LaneMove& m) {
   fill(to.leaf, value.leaf, m), fill(to.lane, value.lane, m), fill(to.instance, value.instance, m);
 }
 template <class T, u32 kCount>
-PH_INLINE void fill_lanes(T (&to)[kCount], T value, const LaneMoves& m) {
+PH_INLINE void fill_lanes(T (&to)[kCount], T value, const LaneMove& m) {
   fill(to, value, m);
 }
 // And to all lanes.

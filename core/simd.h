@@ -421,63 +421,62 @@ PH_INLINE u32 lowest_bits(u32 m, u32 n) {
 // Lanes that are to be had of others: `to` a bit for each, `from` those of the others, as many.
 struct LaneMoves {
   u32 to, from;
-#if defined(__AVX512F__)
-  __m512i source;  // of each lane in `to` the other's
-#else
-  u32 pair[16][2], count;
-#endif
 };
-PH_INLINE LaneMoves moves_of(u32 to, u32 from) {
-  LaneMoves m;
-  m.to = to, m.from = from;
+
+// What `move` and `fill` do at a time: all of them, or one.
 #if defined(__AVX512F__)
-  const __m512i number = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-  m.source =
-      _mm512_maskz_expand_epi32(static_cast<__mmask16>(to),
-                                _mm512_maskz_compress_epi32(static_cast<__mmask16>(from), number));
+struct LaneMove {
+  __mmask16 to;
+  __m512i from;  // of each lane in `to` the other's number
+};
 #else
-  m.count = 0;
-  for (; to != 0; to &= to - 1, from &= from - 1) {
-    m.pair[m.count][0] = compiler::trailing_zeros(to);
-    m.pair[m.count++][1] = compiler::trailing_zeros(from);
+struct LaneMove {
+  u32 to, from;  // numbers of lanes
+};
+#endif
+template <class F>
+PH_INLINE void for_each_move(const LaneMoves& m, F&& f) {
+#if defined(__AVX512F__)
+  const __mmask16 to = static_cast<__mmask16>(m.to), from = static_cast<__mmask16>(m.from);
+  const __m512i number = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+  f(LaneMove{to, _mm512_maskz_expand_epi32(to, _mm512_maskz_compress_epi32(from, number))});
+#else
+  for (u32 to = m.to, from = m.from; to != 0; to &= to - 1, from &= from - 1) {
+    f(LaneMove{compiler::trailing_zeros(to), compiler::trailing_zeros(from)});
   }
 #endif
-  return m;
 }
 template <class T>
-PH_INLINE void move(T (&to)[16], const T (&from)[16], const LaneMoves& m) {
+PH_INLINE void move(T (&to)[16], const T (&from)[16], const LaneMove& m) {
   static_assert(sizeof(T) == 4 || sizeof(T) == 8);
 #if defined(__AVX512F__)
-  const __mmask16 taken = static_cast<__mmask16>(m.to);
   if constexpr (sizeof(T) == 8) {
     const __m512i low = _mm512_loadu_si512(from), high = _mm512_loadu_si512(from + 8);
-    const __m512i first = _mm512_cvtepu32_epi64(_mm512_castsi512_si256(m.source));
-    const __m512i second = _mm512_cvtepu32_epi64(_mm512_extracti64x4_epi64(m.source, 1));
-    _mm512_storeu_si512(
-        to, _mm512_mask_blend_epi64(static_cast<__mmask8>(taken), _mm512_loadu_si512(to),
-                                    _mm512_permutex2var_epi64(low, first, high)));
+    const __m512i first = _mm512_cvtepu32_epi64(_mm512_castsi512_si256(m.from));
+    const __m512i second = _mm512_cvtepu32_epi64(_mm512_extracti64x4_epi64(m.from, 1));
+    _mm512_storeu_si512(to,
+                        _mm512_mask_blend_epi64(static_cast<__mmask8>(m.to), _mm512_loadu_si512(to),
+                                                _mm512_permutex2var_epi64(low, first, high)));
     _mm512_storeu_si512(to + 8, _mm512_mask_blend_epi64(
-                                    static_cast<__mmask8>(taken >> 8), _mm512_loadu_si512(to + 8),
+                                    static_cast<__mmask8>(m.to >> 8), _mm512_loadu_si512(to + 8),
                                     _mm512_permutex2var_epi64(low, second, high)));
   } else {
     // Other than above by a masked store: which is faster was measured (docs/performance.md).
-    _mm512_mask_storeu_epi32(to, taken,
-                             _mm512_permutexvar_epi32(m.source, _mm512_loadu_si512(from)));
+    _mm512_mask_storeu_epi32(to, m.to, _mm512_permutexvar_epi32(m.from, _mm512_loadu_si512(from)));
   }
 #else
-  for (u32 i = 0; i < m.count; ++i) to[m.pair[i][0]] = from[m.pair[i][1]];
+  to[m.to] = from[m.from];
 #endif
 }
 
 // One number to all lanes that are moved to.
 template <class T>
-PH_INLINE void fill(T (&to)[16], T value, const LaneMoves& m) {
+PH_INLINE void fill(T (&to)[16], T value, const LaneMove& m) {
   static_assert(sizeof(T) == 4);
 #if defined(__AVX512F__)
-  _mm512_mask_storeu_epi32(to, static_cast<__mmask16>(m.to),
-                           _mm512_set1_epi32(__builtin_bit_cast(int, value)));
+  _mm512_mask_storeu_epi32(to, m.to, _mm512_set1_epi32(__builtin_bit_cast(int, value)));
 #else
-  for (u32 i = 0; i < m.count; ++i) to[m.pair[i][0]] = value;
+  to[m.to] = value;
 #endif
 }
 

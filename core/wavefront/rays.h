@@ -93,7 +93,7 @@ PH_INLINE void take(const SceneView& scene, Wave& from, Wave& wave) {
   const u32 free = compiler::ones(room), there = compiler::ones(from.alive);
   const u32 n = free < there ? free : there;
   const u32 to = lowest_bits(room, n), others = lowest_bits(from.alive, n);
-  wave.paths.take(moves_of(to, others), from.paths, scene.has_bodies);
+  wave.paths.take({to, others}, from.paths, scene.has_bodies);
   wave.alive |= to;
   from.alive &= ~others;
 }
