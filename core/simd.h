@@ -423,7 +423,7 @@ struct LaneMoves {
   u32 to, from;
 };
 
-// What `move` and `fill` do at a time: all of them, or one.
+// What `move` and `fill` do at a time: all that are to be had or, without AVX-512, one.
 #if defined(__AVX512F__)
 struct LaneMove {
   __mmask16 to;
@@ -469,7 +469,7 @@ PH_INLINE void move(T (&to)[16], const T (&from)[16], const LaneMove& m) {
 #endif
 }
 
-// One number to all lanes that are moved to.
+// One number to the lanes that are moved to.
 template <class T>
 PH_INLINE void fill(T (&to)[16], T value, const LaneMove& m) {
   static_assert(sizeof(T) == 4);

@@ -12,7 +12,8 @@
 // rays pass through a triangle; where a function is 0 double decides, in which the products are
 // exact. Float also leaves out those whose vertices all lie behind the ray or beyond its limit. The
 // distance of the others, of which the nearest counts, is taken in double: the weights of a needle
-// would mean nothing in float. A shadow ray needs none where all vertices lie between.
+// would mean nothing in float. None is needed behind a plane that the ray leaves, nor for a shadow
+// ray where all vertices lie between.
 #pragma once
 #include "point.h"
 
@@ -129,7 +130,7 @@ PH_INLINE float distance_to(const Climb& climb, float origin, float direction, V
 struct Passed {
   u32 may;     // the ray may pass through at a distance in (0, limit]
   u32 does;    // of all: it passes through, at whatever distance
-  u32 ahead;   // of all: if it does, it is at a distance above 0
+  u32 ahead;   // of all: all vertices are, so if it does, it is at a distance above 0
   u32 within;  // of all: if it does, it is at a distance in (0, limit]
 };
 
@@ -177,8 +178,8 @@ PH_INLINE bool met(const TriangleBlock& block, u32 lane, const Passed& passed, c
   Weights w;
   if ((passed.does >> lane & 1u) == 0 && !pierced(t, ray, shear, w)) return false;
   const Climb climb = climb_to(t, ray.origin, ray.direction);
-  // What lies behind, as what a ray has just left does, is told without a division: where a vertex
-  // lies behind, so would what distance_to puts between these.
+  // What lies behind, such as what rays start close to, is told without a division. Where a vertex
+  // is not ahead, neither is what distance_to would put between the vertices.
   if ((passed.ahead >> lane & 1u) == 0 && climb.height * climb.slope < 0.0) return false;
   const auto along = [&](int k) { return block.vertex[k][shear.z][lane]; };
   distance = distance_to(climb, component(ray.origin, shear.z), component(ray.direction, shear.z),

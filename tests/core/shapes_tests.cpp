@@ -226,6 +226,9 @@ void what_lies_behind_is_not_met() {
     float distance;
     const bool met = hits(t, ray, distance);
     CHECK(met == (at > 0));
+    auto block = empty_block<TriangleBlock>();
+    put(block, i % 16, t);
+    CHECK(intersect_any(block, ray, kInfinity, 0) == (at > 0));
     if (met) CHECK(std::abs(static_cast<Real>(distance) - at) < 1e-7L * std::abs(at));
     ++told[met ? 1 : 0];
   }
