@@ -369,7 +369,6 @@ def mended(client: Any) -> Iterator[None]:
 
         for module, values in vars(worker).pop("before", ()):
             vars(module).update(values)
-        worker.build.cache_clear()
 
     client.run(keep)
     try:
@@ -617,14 +616,23 @@ def test_the_first_tiles_lie_all_over_the_picture() -> None:
     assert len({tile.x // 320 for tile in first}) >= 4
 
 
+def test_a_build_is_told_by_its_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    from parhelion import _core
+    from parhelion.cluster.worker import build
+
+    of_sources = build.__wrapped__
+    assert of_sources() == build()
+    monkeypatch.setattr(_core, "sources", "x")
+    assert of_sources() != build()
+
+
 def test_workers_with_another_build_are_refused(client: Any, scene: Any) -> None:
     def change() -> None:
         import parhelion
-        from parhelion import _core
         from parhelion.cluster import worker
 
-        parhelion.__version__, _core.sources = "0.0.9", "x"
-        worker.build.cache_clear()
+        # Not what it is made of: a worker that is late would keep that for the tests to come.
+        parhelion.__version__, worker.build = "0.0.9", lambda: "another"
 
     with mended(client):
         client.run(change)
