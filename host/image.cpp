@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <limits>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "errors.h"
@@ -55,23 +57,24 @@ class SrgbCodes {
       }
       first_[code] = __builtin_bit_cast(float, high);
     }
+    first_[256] = kInfinity;
     for (u32 i = 0, code = 0; i < kBins; ++i) {
       const float x = static_cast<float>(i) / static_cast<float>(kBins);
-      while (code < 255 && first_[code + 1] <= x) ++code;
+      while (first_[code + 1] <= x) ++code;
       guide_[i] = static_cast<u8>(code);
     }
   }
 
   u8 of(float x) const {
-    if (!(x > 0.0f)) return 0;
-    u32 code = guide_[std::min(static_cast<u32>(std::min(x, 1.0f) * kBins), kBins - 1)];
-    while (code < 255 && first_[code + 1] <= x) ++code;
-    return static_cast<u8>(code);
+    const float inside = clamp(x, 0.0f, 1.0f);
+    const u32 code = guide_[std::min(static_cast<u32>(inside * kBins), kBins - 1)];
+    return static_cast<u8>(code + (first_[code + 1] <= inside));
   }
 
  private:
-  static constexpr u32 kBins = 2048;
-  float first_[256] = {};  // the least number of each code
+  // So many that none has two codes begin in it: next to black they are 1 / (12.92 * 255) apart.
+  static constexpr u32 kBins = 4096;
+  float first_[257] = {};  // the least number of each code; of that after the last one, infinity
   u8 guide_[kBins] = {};   // the code of the least number in each bin of [0, 1)
 };
 
@@ -89,6 +92,71 @@ Taps taps(u32 i, u32 n) {
   const float whole = static_cast<float>(n), half = static_cast<float>(n / 2);
   const float at = static_cast<float>(i);
   return {2 * i, 3, {(half - at) / whole, half / whole, (at + 1.0f) / whole}};
+}
+
+// Adds a share of a row of n texels to a row of the next level.
+template <u32 kChannels, u32 kTaps>
+void add_row(const float* row, u32 n, float share, float* sums) {
+  for (u32 x = 0, w = std::max(n / 2, 1u); x < w; ++x) {
+    const Taps columns = taps(x, n);
+    const float* from = row + size_t{columns.first} * kChannels;
+    for (u32 k = 0; k < kChannels; ++k) {
+      float sum = sums[x * kChannels + k];
+      for (u32 i = 0; i < kTaps; ++i) sum += share * columns.share[i] * from[i * kChannels + k];
+      sums[x * kChannels + k] = sum;
+    }
+  }
+}
+
+template <u32 kChannels>
+void add_row(const float* row, u32 n, float share, float* sums) {
+  switch (n == 1 ? 1 : 2 + n % 2) {
+    case 1: return add_row<kChannels, 1>(row, n, share, sums);
+    case 2: return add_row<kChannels, 2>(row, n, share, sums);
+    default: return add_row<kChannels, 3>(row, n, share, sums);
+  }
+}
+
+void add_row(u32 channels, const float* row, u32 n, float share, float* sums) {
+  switch (channels) {
+    case 1: return add_row<1>(row, n, share, sums);
+    case 3: return add_row<3>(row, n, share, sums);
+    default: return add_row<4>(row, n, share, sums);
+  }
+}
+
+// The least and the greatest of the colours among `size` numbers, without alpha.
+template <class T>
+std::pair<T, T> color_range(const T* data, size_t size, u32 channels) {
+  constexpr size_t kLanes = 48;  // each is of one channel, of 1, 3 or 4
+  T least[kLanes], most[kLanes];
+  std::fill(least, least + kLanes, data[0]);
+  std::fill(most, most + kLanes, data[0]);
+  const size_t groups = size / kLanes;
+#pragma omp parallel for schedule(static) reduction(min : least[ : kLanes]) \
+    reduction(max : most[ : kLanes]) if (size > kFewElements)
+  for (size_t group = 0; group < groups; ++group) {
+    for (size_t j = 0; j < kLanes; ++j) {
+      const T x = data[group * kLanes + j];
+      least[j] = std::min(least[j], x), most[j] = std::max(most[j], x);
+    }
+  }
+  for (size_t i = groups * kLanes; i < size; ++i) {
+    const size_t j = i % kLanes;
+    least[j] = std::min(least[j], data[i]), most[j] = std::max(most[j], data[i]);
+  }
+  for (size_t j = 0; j < kLanes; ++j) {
+    if (channels == 4 && j % 4 == 3) continue;
+    least[0] = std::min(least[0], least[j]), most[0] = std::max(most[0], most[j]);
+  }
+  return {least[0], most[0]};
+}
+
+bool all_finite(const float* data, size_t size) {
+  u32 bad = 0;
+#pragma omp parallel for schedule(static) reduction(| : bad) if (size > kFewElements)
+  for (size_t i = 0; i < size; ++i) bad |= finite(data[i]) ? 0u : 1u;
+  return bad == 0;
 }
 
 }  // namespace
@@ -146,9 +214,9 @@ ImagePyramid::Needs ImagePyramid::needs(const ImageInput& input) {
       if (below == 0) below = u64{w} * h;
     }
   }
-  const u64 size = input.type == SampleType::uint8 ? sizeof(u8) : sizeof(float);
+  if (input.type != SampleType::uint8) return {texels * channels * sizeof(float), 0};
   // The second level in float, and the third beside it.
-  return {texels * channels * size, (below + below / 4) * channels * sizeof(float)};
+  return {texels * channels, (below + below / 4) * channels * sizeof(float)};
 }
 
 ImageView ImagePyramid::view() const {
@@ -159,116 +227,121 @@ ImageView ImagePyramid::view() const {
 
 void ImagePyramid::read_bytes(const ImageInput& input) {
   const u8* data = static_cast<const u8*>(input.data);
-  const size_t texels = size_t{input.width} * input.height;
-  if (input.channels != 2) {
-    std::copy(data, data + texels * input.channels, bytes_.begin());
-    return;
-  }
-  for (size_t i = 0; i < texels; ++i) {
-    const u8 grey = data[2 * i], alpha = data[2 * i + 1];
-    const u8 rgba[4] = {grey, grey, grey, alpha};
-    std::copy(rgba, rgba + 4, bytes_.begin() + static_cast<std::ptrdiff_t>(4 * i));
+  const size_t in = size_t{input.width} * input.channels;
+  const size_t out = size_t{input.width} * view_.channels;
+#pragma omp parallel for schedule(static) if (out * input.height > kFewElements)
+  for (u32 y = 0; y < input.height; ++y) {
+    const u8* from = data + y * in;
+    u8* to = bytes_.data() + y * out;
+    if (in == out) {
+      std::copy(from, from + in, to);
+      continue;
+    }
+    for (size_t x = 0; x < input.width; ++x) {  // grey and alpha
+      std::fill(to + 4 * x, to + 4 * x + 3, from[2 * x]);
+      to[4 * x + 3] = from[2 * x + 1];
+    }
   }
 }
 
 template <class Sample>
 void ImagePyramid::read(const ImageInput& input, const Sample* data) {
-  const i64 texels = i64{input.width} * input.height;
+  const size_t texels = size_t{input.width} * input.height;
   const u32 in = input.channels, out = view_.channels;
-#pragma omp parallel for schedule(static) if (texels > i64{kFewElements})
-  for (i64 i = 0; i < texels; ++i) {
-    const Sample* from = data + i * in;
-    float* to = floats_.data() + i * out;
-    for (u32 c = 0; c < out; ++c) {
-      // of grey and alpha, the first three are grey
-      const float x = to_float(in == 2 ? from[c < 3 ? 0 : 1] : from[c]);
-      to[c] = input.srgb && c < 3 ? srgb_to_linear(x) : x;
+  const auto color = [&](Sample x) {
+    return input.srgb ? srgb_to_linear(to_float(x)) : to_float(x);
+  };
+  // Of two bytes there are so few samples that in a larger image each is worked out once.
+  std::vector<float> known;
+  if constexpr (sizeof(Sample) == 2) {
+    if (input.srgb && texels > 1u << 16) {
+      known.resize(1u << 16);
+      for_all(known.size(), [&](size_t bits) {
+        known[bits] = color(__builtin_bit_cast(Sample, static_cast<unsigned short>(bits)));
+      });
     }
   }
+  const auto color_of = [&](Sample x) {
+    if constexpr (sizeof(Sample) == 2) {
+      if (!known.empty()) return known[__builtin_bit_cast(unsigned short, x)];
+    }
+    return color(x);
+  };
+  for_all(texels, [&](size_t i) {
+    const Sample* from = data + i * in;
+    float* to = floats_.data() + i * out;
+    // of grey and alpha, the first three are grey
+    for (u32 c = 0; c < std::min(out, 3u); ++c) to[c] = color_of(from[in == 2 ? 0 : c]);
+    if (out == 4) to[3] = to_float(from[in - 1]);
+  });
 }
 
 // Finds what is not finite, and the range of the colours.
 void ImagePyramid::check(const ImageInput& input) {
-  const i64 texels = i64{input.width} * input.height;
-  const ImageView image = view();
-  float low = kInfinity, high = -kInfinity;
-  if (!bytes_.empty()) {
-    const u32 channels = view_.channels, colors = std::min(channels, 3u);
-    u8 least = 255, most = 0;
-#pragma omp parallel for schedule(static) reduction(min : least) \
-    reduction(max : most) if (texels > i64{kFewElements})
-    for (i64 i = 0; i < texels; ++i) {
-      for (u32 k = 0; k < colors; ++k) {
-        const u8 c = bytes_[static_cast<size_t>(i * channels + k)];
-        least = std::min(least, c), most = std::max(most, c);
-      }
-    }
+  const size_t size = size_t{input.width} * input.height * view_.channels;
+  if (floats_.empty()) {
     const float* value = input.srgb ? kBytes.srgb : kBytes.plain;
+    const auto [least, most] = color_range<u8>(bytes_.data(), size, view_.channels);
     low_ = value[least], high_ = value[most];
     return;
   }
-  i64 bad = texels;
-#pragma omp parallel for schedule(static) reduction(min : low, bad) \
-    reduction(max : high) if (texels > i64{kFewElements})
-  for (i64 i = 0; i < texels; ++i) {
-    const u32 x = static_cast<u32>(i % input.width), y = static_cast<u32>(i / input.width);
-    const Texel t = fetch(image, 0, x, y);
-    if (!finite(t.rgb) || !finite(t.a)) bad = std::min(bad, i);
-    low = std::min({low, t.rgb.x, t.rgb.y, t.rgb.z});
-    high = std::max({high, t.rgb.x, t.rgb.y, t.rgb.z});
-  }
-  if (bad < texels) {
+  if (!all_finite(floats_.data(), size)) {
+    const float* bad =
+        std::find_if(floats_.begin(), floats_.begin() + size, [](float x) { return !finite(x); });
+    const size_t texel = static_cast<size_t>(bad - floats_.begin()) / view_.channels;
     throw SceneError("image '" + input.name + "': the pixel in row " +
-                     std::to_string(bad / input.width) + ", column " +
-                     std::to_string(bad % input.width) + " is not finite");
+                     std::to_string(texel / input.width) + ", column " +
+                     std::to_string(texel % input.width) + " is not finite");
   }
-  low_ = low;
-  high_ = high;
+  std::tie(low_, high_) = color_range<float>(floats_.data(), size, view_.channels);
 }
 
-// Every level from the one above it. `above` keeps that one as it was before it was cut to bytes.
+// Every level from the one above it, that one as it was before it was cut to bytes.
 void ImagePyramid::reduce() {
   const ImageView image = view();
   const u32 channels = image.channels;
+  const bool encoded = image.format == ImageFormat::srgb8;
+  const float* colors = encoded ? kBytes.srgb : kBytes.plain;
   static const SrgbCodes codes;
-  std::vector<float> above, level;
+  Array<float> kept, level;  // of bytes, the level above and this one
   for (u32 l = 1; l < image.levels; ++l) {
     const u32 from_w = level_side(image.width, l - 1), from_h = level_side(image.height, l - 1);
     const u32 w = level_side(image.width, l), h = level_side(image.height, l);
-    level.assign(size_t{w} * h * channels, 0.0f);
-#pragma omp parallel for schedule(static) if (i64{w} * h > i64{kFewElements})
-    for (i64 y = 0; y < i64{h}; ++y) {
-      const Taps rows = taps(static_cast<u32>(y), from_h);
-      for (u32 x = 0; x < w; ++x) {
-        const Taps columns = taps(x, from_w);
-        const size_t at = (static_cast<size_t>(y) * w + x) * channels;
-        float* sum = level.data() + at;
+    const size_t from_size = size_t{from_w} * channels, size = size_t{w} * channels;
+    const size_t from_first = size_t{image.first[l - 1]} * channels;
+    const size_t first = size_t{image.first[l]} * channels;
+    if (floats_.empty()) level = Array<float>(size * h);
+#pragma omp parallel if (i64{w} * h > i64{kFewElements})
+    {
+      std::vector<float> line(l == 1 && floats_.empty() ? from_size : 0);
+#pragma omp for schedule(static)
+      for (u32 y = 0; y < h; ++y) {
+        float* sums = floats_.empty() ? &level[y * size] : &floats_[first + y * size];
+        std::fill(sums, sums + size, 0.0f);
+        const Taps rows = taps(y, from_h);
         for (u32 j = 0; j < rows.count; ++j) {
-          for (u32 i = 0; i < columns.count; ++i) {
-            const u32 from_x = columns.first + i, from_y = rows.first + j;
-            const float share = rows.share[j] * columns.share[i];
-            if (l == 1) {
-              const Texel t = fetch(image, 0, from_x, from_y);
-              const float c[4] = {t.rgb.x, t.rgb.y, t.rgb.z, t.a};
-              for (u32 k = 0; k < channels; ++k) sum[k] += share * c[k];
-            } else {
-              const float* c = above.data() + (size_t{from_y} * from_w + from_x) * channels;
-              for (u32 k = 0; k < channels; ++k) sum[k] += share * c[k];
+          const size_t at = (rows.first + j) * from_size;
+          const float* row = line.data();
+          if (!floats_.empty()) {
+            row = &floats_[from_first + at];
+          } else if (l > 1) {
+            row = &kept[at];
+          } else {
+            for (size_t i = 0; i < from_size; ++i) {
+              line[i] = (channels == 4 && i % 4 == 3 ? kBytes.plain : colors)[bytes_[at + i]];
             }
           }
+          add_row(channels, row, from_w, rows.share[j], sums);
         }
-        const size_t to = size_t{image.first[l]} * channels + at;
-        for (u32 k = 0; k < channels; ++k) {
-          if (image.format == ImageFormat::float32) {
-            floats_[to + k] = sum[k];
-          } else {
-            const bool encoded = image.format == ImageFormat::srgb8 && k < 3;
-            bytes_[to + k] = encoded ? codes.of(sum[k]) : to_byte(sum[k]);
-          }
+        if (!floats_.empty()) continue;
+        u8* bytes = &bytes_[first + y * size];
+        for (size_t i = 0; i < size; ++i) {
+          const bool color = encoded && !(channels == 4 && i % 4 == 3);
+          bytes[i] = color ? codes.of(sums[i]) : to_byte(sums[i]);
         }
       }
     }
-    above.swap(level);
+    std::swap(kept, level);
   }
 }
 

@@ -24,6 +24,9 @@ from parhelion.image import (
     check_output,
     encoded,
     largest_file,
+    picture_bytes,
+    picture_shape,
+    read_pixels,
     seconds_to_encode,
 )
 from picture_tools import read_picture
@@ -118,6 +121,57 @@ def test_jpeg_is_near_the_srgb_numbers(image: ph.Image, tmp_path: Path) -> None:
     picture.save(tmp_path / "a.jpg")
     pixels, _ = read_picture(tmp_path / "a.jpg")
     assert np.mean(np.abs(pixels.astype(int) - picture.srgb())) < 3
+
+
+def jpeg(path: Path, channels: int, progressive: bool) -> bytes:
+    """A JPEG of 24 rows of 40 pixels, by another program's usual ways."""
+    import OpenImageIO as oiio
+
+    spec = oiio.ImageSpec(40, 24, channels, "uint8")
+    spec.attribute("jpeg:progressive", int(progressive))
+    output = oiio.ImageOutput.create(str(path))
+    noise = np.random.default_rng(1).integers(0, 256, (24, 40, channels), np.uint8)
+    assert output.open(str(path), spec)
+    assert output.write_image(noise)
+    output.close()
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("progressive", [False, True])
+def test_the_header_of_a_jpeg_is_read_without_its_pixels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, channels: int, progressive: bool
+) -> None:
+    data = jpeg(tmp_path / "a.jpg", channels, progressive)
+    assert data.count(b"\xff\xc2") == progressive
+    padded = data[:2] + b"\xff\xff" + data[2:]  # as a marker may be
+    stored = read_pixels(padded)
+    assert stored.shape == (24, 40, channels)
+    monkeypatch.setattr("parhelion.image.opened", None)  # which decodes progressive ones
+    for source in (tmp_path / "a.jpg", str(tmp_path / "a.jpg"), data, padded):
+        assert picture_shape(source) == stored.shape
+        assert picture_bytes(source) == stored.nbytes
+
+
+def test_a_jpeg_whose_header_tells_too_little_is_left_to_the_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def asked(*_: object) -> None:
+        raise LookupError
+
+    data = jpeg(tmp_path / "a.jpg", 3, False)
+    frame = data.index(b"\xff\xc0")
+    monkeypatch.setattr("parhelion.image.opened", asked)
+    for broken in (
+        *(data[:cut] for cut in range(2, frame + 10)),
+        data[:frame] + b"\0" + data[frame + 1 :],  # no marker
+        data[: frame + 4] + b"\x0c" + data[frame + 5 :],  # 12 bits
+        data[: frame + 5] + b"\0\0" + data[frame + 7 :],  # rows
+        data[: frame + 9] + b"\x02" + data[frame + 10 :],  # colours
+        data[: frame + 5] + b"\xff\xff\xff\xff" + data[frame + 9 :],  # 12 GB of pixels
+    ):
+        with pytest.raises(LookupError):
+            picture_bytes(broken)
 
 
 def test_exr_holds_single_precision_exactly(image: ph.Image, tmp_path: Path) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import json
 import logging
+import math
 import os
+import struct
 import tempfile
 import time
 import zlib
@@ -13,8 +15,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timezone
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -440,11 +443,7 @@ def picture_shape(source: Encoded, where: str = "") -> tuple[int, int, int]:
 
     Raises what read_pixels would for a file that is no picture or too large a one.
     """
-    with _file_of(source, where) as (path, start):
-        reader = opened(path, start)
-        spec = reader.spec()
-        reader.close()
-        return int(spec.height), int(spec.width), len(_channels(spec))
+    return _header(source, where)[0]
 
 
 def picture_bytes(source: Encoded, where: str = "") -> int:
@@ -452,12 +451,55 @@ def picture_bytes(source: Encoded, where: str = "") -> int:
 
     Raises what picture_shape() does.
     """
+    shape, size = _header(source, where)
+    return math.prod(shape) * size
+
+
+def _header(source: Encoded, where: str) -> tuple[tuple[int, int, int], int]:
+    """(H, W, C) of what read_pixels returns, and the bytes of each of its numbers."""
+    shape = _jpeg_shape(source)
+    if shape is not None:
+        return shape, 1
     with _file_of(source, where) as (path, start):
         reader = opened(path, start)
         spec = reader.spec()
         reader.close()
         size = _KINDS.get(str(spec.format), ("float", 4))[1]
-        return int(spec.height) * int(spec.width) * len(_channels(spec)) * size
+        return (int(spec.height), int(spec.width), len(_channels(spec))), size
+
+
+def _jpeg_shape(source: Encoded) -> tuple[int, int, int] | None:
+    """(H, W, C) of a JPEG in grey or YCbCr, as its frame header says (ITU-T T.81, B.2.2); None for
+    any other file, and for one of many pixels or in doubt, which the library shall look at.
+
+    For the library to open a progressive one is to decode it.
+    """
+    if not isinstance(source, (bytes, PictureBytes)) and is_special(Path(source)):
+        return None
+    try:
+        with _bytes_of(source) as file:
+            if file.read(2) != b"\xff\xd8":
+                return None
+            while True:
+                marker, code = file.read(1), file.read(1)
+                while code == b"\xff":  # a marker may have any number of these before it
+                    code = file.read(1)
+                size, precision, height, width, channels = struct.unpack(">HBHHB", file.read(8))
+                if marker != b"\xff" or size < 2:
+                    return None
+                if code in (b"\xc0", b"\xc1", b"\xc2"):  # by Huffman's code, as nearly all are
+                    break
+                file.seek(size - 8, os.SEEK_CUR)
+    except (OSError, ValueError, struct.error):  # no such file or name; it ends before
+        return None
+    known = precision == 8 and channels in (1, 3) and 0 < height * width * channels <= _ALWAYS
+    return (height, width, channels) if known else None
+
+
+def _bytes_of(source: Encoded) -> IO[bytes]:
+    if isinstance(source, (bytes, PictureBytes)):
+        return BytesIO(encoded_bytes(source))
+    return open(source, "rb")
 
 
 def picture_metadata(source: Encoded, where: str = "") -> dict[str, str]:

@@ -71,29 +71,61 @@ void encoded_texels_are_mixed_as_light() {
   }
 }
 
-// Every level of a pyramid has the image's mean in linear light, whatever its size and type.
+// Every level of a pyramid has the image's mean in linear light, whatever its size and type; its
+// range is that of the colours, without alpha.
 void pyramids_keep_the_mean() {
-  for (const auto& [w, h] : {std::pair{16u, 16u}, {13u, 9u}, {1u, 7u}, {257u, 3u}, {1u, 1u}}) {
-    std::vector<float> floats(size_t{w} * h * 3);
-    for (float& x : floats) x = static_cast<float>(draw());
-    std::vector<u8> bytes(floats.size());
-    for (u8& x : bytes) x = static_cast<u8>(draw() * 256.0);
-    for (bool byte : {false, true}) {
-      const void* data = byte ? static_cast<const void*>(bytes.data()) : floats.data();
-      const ImagePyramid image(
-          {"a", data, byte ? SampleType::uint8 : SampleType::float32, w, h, 3, true, true});
-      const ImageView view = image.view();
-      CHECK(ph::level_side(w, view.levels - 1) == 1 && ph::level_side(h, view.levels - 1) == 1);
-      double mean = 0.0;
-      for (u32 y = 0; y < h; ++y) {
-        for (u32 x = 0; x < w; ++x) {
-          mean += static_cast<double>(ph::fetch(view, 0, x, y).rgb.y) / (w * h);
-        }
+  for (const auto& [w, h] :
+       {std::pair{16u, 16u}, {13u, 9u}, {1u, 7u}, {257u, 3u}, {1u, 1u}, {96u, 65u}}) {
+    for (u32 channels : {1u, 2u, 3u, 4u}) {
+      const bool alpha = channels % 2 == 0;
+      std::vector<float> floats(size_t{w} * h * channels);
+      for (float& x : floats) x = static_cast<float>(draw() * 0.8 + 0.1);
+      std::vector<u8> bytes(floats.size());
+      for (u8& x : bytes) x = static_cast<u8>(draw() * 200.0 + 20.0);
+      if (alpha) {  // out of the range of colours
+        floats[channels - 1] = 0.0f, floats.back() = 1.0f;
+        bytes[channels - 1] = 0, bytes.back() = 255;
       }
-      const double last = static_cast<double>(ph::fetch(view, view.levels - 1, 0, 0).rgb.y);
-      // a byte of sRGB is at most 0.009 from the next in linear light
-      CHECK(near(last, mean, byte ? 0.0045 : 1e-5));
-      CHECK(image.low() >= 0.0f && image.high() <= 1.0f && image.low() <= image.high());
+      for (bool byte : {false, true}) {
+        const void* data = byte ? static_cast<const void*>(bytes.data()) : floats.data();
+        const ImagePyramid image({"a", data, byte ? SampleType::uint8 : SampleType::float32, w, h,
+                                  channels, true, true});
+        const ImageView view = image.view();
+        CHECK(ph::level_side(w, view.levels - 1) == 1 && ph::level_side(h, view.levels - 1) == 1);
+        double mean = 0.0, mean_alpha = 0.0;
+        float low = kInfinity, high = 0.0f;
+        for (u32 y = 0; y < h; ++y) {
+          for (u32 x = 0; x < w; ++x) {
+            const Texel t = ph::fetch(view, 0, x, y);
+            mean += static_cast<double>(t.rgb.y) / (w * h);
+            mean_alpha += static_cast<double>(t.a) / (w * h);
+            low = std::min({low, t.rgb.x, t.rgb.y, t.rgb.z});
+            high = std::max({high, t.rgb.x, t.rgb.y, t.rgb.z});
+          }
+        }
+        const Texel last = ph::fetch(view, view.levels - 1, 0, 0);
+        // a byte of sRGB is at most 0.009 from the next in linear light
+        CHECK(near(static_cast<double>(last.rgb.y), mean, byte ? 0.0045 : 1e-5));
+        CHECK(near(static_cast<double>(last.a), mean_alpha, byte ? 0.002 : 1e-5));
+        CHECK(image.low() == low && image.high() == high);
+      }
+    }
+  }
+}
+
+// Of large images samples of two bytes are decoded by a table: to what small ones have.
+void large_images_are_decoded_alike() {
+  constexpr u32 kWidth = 512, kHeight = 160, kChannels = 4;
+  std::vector<unsigned short> samples(size_t{kWidth} * kHeight * kChannels);
+  for (unsigned short& x : samples) x = static_cast<unsigned short>(draw() * 0x7c00);  // finite
+  for (SampleType type : {SampleType::uint16, SampleType::float16}) {
+    const ImagePyramid large({"a", samples.data(), type, kWidth, kHeight, kChannels, true, false});
+    for (u32 y = 0; y < kHeight; ++y) {
+      const void* row = samples.data() + size_t{y} * kWidth * kChannels;
+      const ImagePyramid small({"a", row, type, kWidth, 1, kChannels, true, false});
+      const auto* one = static_cast<const float*>(large.view().texels) + y * kWidth * kChannels;
+      const auto* other = static_cast<const float*>(small.view().texels);
+      CHECK(std::equal(one, one + kWidth * kChannels, other));
     }
   }
 }
@@ -339,6 +371,7 @@ void bad_images() {
 int main() {
   encoded_texels_are_mixed_as_light();
   pyramids_keep_the_mean();
+  large_images_are_decoded_alike();
   encodings();
   places_and_borders();
   footprints();
