@@ -56,7 +56,8 @@ PH_INLINE GroupRay into_group(const Instance& instance, u32 index, const Ray& ra
 #define PH_TEST_BLOCK PH_APART inline
 #endif
 
-// A block's hits that are nearer than the best so far. With kAny, whether there is any.
+// A block's hits that are nearer than the best so far. With kAny, whether there is any. Whoever is
+// told of a hit says how far others of the block may be: shapes that are tested one by one look.
 template <bool kAny, class Block>
 PH_TEST_BLOCK bool test_block(const Block& block, Child leaf, const Ray& ray, NearestHit& best) {
   const u32 self_lane = ray.self.leaf == leaf ? ray.self.lane : kNone;
@@ -67,8 +68,10 @@ PH_TEST_BLOCK bool test_block(const Block& block, Child leaf, const Ray& ray, Ne
   }
   if constexpr (kAny) {
     bool any = false;
-    intersect(block, ray, best.hit.t, self_lane,
-              [&](u32 lane, float) { any |= (ignored >> lane & 1u) == 0; });
+    intersect(block, ray, best.hit.t, self_lane, [&](u32 lane, float) {
+      any |= (ignored >> lane & 1u) == 0;
+      return any ? 0.0f : best.hit.t;
+    });
     return any;
   } else {
     intersect(block, ray, best.hit.t, self_lane, [&](u32 lane, float t) {
@@ -78,6 +81,7 @@ PH_TEST_BLOCK bool test_block(const Block& block, Child leaf, const Ray& ray, Ne
           (t == best.hit.t && (best.hit.slot.instance != kNone || id < best.id))) {
         best = {{t, {leaf, lane, kNone}}, id, kNoSlot};
       }
+      return best.hit.t;
     });
     return false;
   }

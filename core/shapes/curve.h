@@ -7,12 +7,12 @@
 // ray: all places within r of the curve as the ray sees it. Linear and B-spline curves are Bezier
 // curves as well.
 //
-// Sixteen pieces of the curve are tested at once, in float, for whether the ray passes them by.
-// What is left is halved until a piece is nearly straight and of nearly even taper. There a cone's
-// equation gives a first guess, and Newton's method the place on the curve itself. In the spirit of
-// T. Reshetov and D. Luebke, "Phantom Ray-Hair Intersector", HPG 2018, for the cones, and of K.
-// Nakamaru and Y. Ohno, "Ray Tracing for Curves Primitive", WSCG 2002, for the halving. From there
-// on all is in double, so that hairs may be thin and far away.
+// Unless the whole is nearly straight and of nearly even taper, sixteen pieces of the curve are
+// tested at once, in float, for whether the ray passes them by, and what is left is halved until it
+// is. There a cone's equation gives a first guess, and Newton's method the place on the curve
+// itself. In the spirit of T. Reshetov and D. Luebke, "Phantom Ray-Hair Intersector", HPG 2018, for
+// the cones, and of K. Nakamaru and Y. Ohno, "Ray Tracing for Curves Primitive", WSCG 2002, for the
+// halving. All but that first test is in double, so that hairs may be thin and far away.
 #pragma once
 #include "point.h"
 #include "sphere.h"
@@ -69,11 +69,28 @@ PH_INLINE Box bounds(const Curve& c) {
                      max(max(c.point[0], c.point[1]), max(c.point[2], c.point[3])) + Vec3{r, r, r});
 }
 
+// A cubic of v by the powers of v, of which it is a third of the work of one by its control points.
+template <class T>
+struct CurveCubic {
+  T of[4];
+
+  PH_INLINE T at(double v) const { return of[0] + (of[1] + (of[2] + of[3] * v) * v) * v; }
+  PH_INLINE T slope(double v) const { return of[1] + (of[2] * 2.0 + of[3] * (3.0 * v)) * v; }
+  PH_INLINE T curvature(double v) const { return of[2] * 2.0 + of[3] * (6.0 * v); }
+};
+template <class T>
+PH_INLINE CurveCubic<T> cubic_of(const T (&c)[4]) {
+  const T first = c[1] - c[0], second = c[2] - c[1] - first;
+  return {{c[0], first * 3.0, second * 3.0, c[3] - c[0] - (first + second) * 3.0}};
+}
+
 // The same with the point of the ray that is nearest to the curve's middle as origin. The direction
 // is of unit length but for rounding.
 struct CurveSeen {
-  DVec3 point[4];
+  DVec3 point[4];  // control points, and their radii
   double radius[4];
+  CurveCubic<DVec3> way;
+  CurveCubic<double> width;
   DVec3 direction;
   double start;  // distance of that point along the ray
 };
@@ -89,6 +106,8 @@ PH_INLINE CurveSeen seen_along(const Curve& c, Vec3 origin, Vec3 direction) {
   }
   s.start = 0.25 * dot(sum, s.direction);
   for (DVec3& p : s.point) p = p - s.direction * s.start;
+  s.way = cubic_of(s.point);
+  s.width = cubic_of(s.radius);
   return s;
 }
 
@@ -98,36 +117,20 @@ struct CurveJet {
   double r, r1, r2;
 };
 
-template <class T>
-PH_INLINE void cubic(const T (&c)[4], double v, T& f, T& f1, T& f2) {
-  const double w = 1.0 - v;
-  const T a = c[0] * w + c[1] * v, b = c[1] * w + c[2] * v, d = c[2] * w + c[3] * v;
-  const T ab = a * w + b * v, bd = b * w + d * v;
-  f = ab * w + bd * v;
-  f1 = (bd - ab) * 3.0;
-  f2 = ((d - b) - (b - a)) * 6.0;
-}
-
 PH_INLINE CurveJet jet(const CurveSeen& c, double v) {
-  CurveJet j;
-  cubic(c.point, v, j.p, j.p1, j.p2);
-  cubic(c.radius, v, j.r, j.r1, j.r2);
-  return j;
+  return {c.way.at(v),   c.way.slope(v),   c.way.curvature(v),
+          c.width.at(v), c.width.slope(v), c.width.curvature(v)};
 }
 
-// Control points of the piece from a to b.
+// Control points of the piece from a to b: its ends, and from each a third of the way that the
+// curve's slope there leads.
 template <class T>
-PH_INLINE constexpr void piece_of(const T (&c)[4], double a, double b, T (&piece)[4]) {
-  const auto blossom = [&](double x, double y, double z) {
-    const T p = c[0] * (1.0 - x) + c[1] * x, q = c[1] * (1.0 - x) + c[2] * x;
-    const T r = c[2] * (1.0 - x) + c[3] * x;
-    const T s = p * (1.0 - y) + q * y, t = q * (1.0 - y) + r * y;
-    return s * (1.0 - z) + t * z;
-  };
-  piece[0] = blossom(a, a, a);
-  piece[1] = blossom(a, a, b);
-  piece[2] = blossom(a, b, b);
-  piece[3] = blossom(b, b, b);
+PH_INLINE void piece_of(const CurveCubic<T>& c, double a, double b, T (&piece)[4]) {
+  const double third = (b - a) / 3.0;
+  piece[0] = c.at(a);
+  piece[1] = piece[0] + c.slope(a) * third;
+  piece[3] = c.at(b);
+  piece[2] = piece[3] - c.slope(b) * third;
 }
 
 // A place where a ray meets a curve. leaving: from inside.
@@ -136,14 +139,22 @@ struct CurveHit {
   bool leaving;
 };
 
-// Newton's method counts as arrived when it moves by less than this share of the radius: what is
-// left then is about the square of that, unless the ray only touches the surface.
-inline constexpr double kCurvePrecision = 1e-6;
+// Newton's method has arrived when what is left is less than this share of the radius. Each move is
+// about as large, beside the square of the one before it, as the next will be beside its own; where
+// the ray only touches the surface moves shrink evenly, and so it does not count as near.
+inline constexpr double kCurvePrecision = 1e-9;
+// The squares of a move, of the one before it, and of the radius. After the first move one of 1e-6
+// leaves less.
+PH_INLINE bool has_arrived(double move, double last, double radius) {
+  constexpr double kSquare = kCurvePrecision * kCurvePrecision;
+  return move <= 1e-12 * radius || move * move * move <= kSquare * radius * (last * last);
+}
 // Neighbours overlap by this share of a segment, that rounding leave no gap between them.
 inline constexpr double kCurveOverlap = 1e-7;
 
 // From a guess to the place on the tube; t counts from c.start.
 inline bool refine_round(const CurveSeen& c, double& t, double& v) {
+  double last = 0.0;
   for (int i = 0; i < 24; ++i) {
     const CurveJet j = jet(c, v);
     const DVec3 p = c.direction * t - j.p;
@@ -157,9 +168,9 @@ inline bool refine_round(const CurveSeen& c, double& t, double& v) {
     t += dt;
     v += dv;
     if (!(v > -0.5 && v < 1.5)) return false;  // or not a number
-    if (abs(dt) <= kCurvePrecision * j.r && abs(dv) * length(j.p1) <= kCurvePrecision * j.r) {
-      return true;
-    }
+    const double move = dt * dt + dv * dv * dot(j.p1, j.p1);
+    if (has_arrived(move, last, j.r * j.r)) return true;
+    last = move;
   }
   return false;
 }
@@ -167,21 +178,25 @@ inline bool refine_round(const CurveSeen& c, double& t, double& v) {
 // From a guess to where the curve, as the ray sees it, is nearest to the ray.
 inline bool refine_flat(const CurveSeen& c, double& t, double& v) {
   const DVec3 d = c.direction;
-  const double dd = dot(d, d);
+  const double shorter = 1.0 / dot(d, d);  // what makes shares of d of lengths along it
+  double last = 0.0;
   for (int i = 0; i < 24; ++i) {
     const CurveJet j = jet(c, v);
-    const DVec3 q = j.p - d * (dot(j.p, d) / dd), q1 = j.p1 - d * (dot(j.p1, d) / dd);
+    const DVec3 q = j.p - d * (dot(j.p, d) * shorter), q1 = j.p1 - d * (dot(j.p1, d) * shorter);
     const double slope = dot(q1, q1) + dot(q, j.p2);
     if (!(slope > 0.0)) return false;  // farthest, not nearest
     const double dv = clamp(-dot(q, q1) / slope, -0.25, 0.25);
     v += dv;
     if (!(v > -0.5 && v < 1.5)) return false;
-    if (abs(dv) * length(q1) <= kCurvePrecision * j.r) {
-      const CurveJet at = jet(c, v);
-      t = dot(at.p, d) / dd;
-      const DVec3 off = at.p - d * t;
-      return dot(off, off) <= at.r * at.r;
+    const double move = dv * dv * dot(q1, q1);
+    if (!has_arrived(move, last, j.r * j.r)) {
+      last = move;
+      continue;
     }
+    const CurveJet at = jet(c, v);
+    t = dot(at.p, d) * shorter;
+    const DVec3 off = at.p - d * t;
+    return dot(off, off) <= at.r * at.r;
   }
   return false;
 }
@@ -210,24 +225,63 @@ inline void meet_cap(const CurveSeen& c, bool end, F&& accept) {
   }
 }
 
-// A piece of a curve, from v = a to b, with its control points, and by how much at most it bends
-// and its taper changes: the length of the control points' second differences.
+// A piece counts as nearly straight when it bends by less than this share of its length and radius.
+inline constexpr double kCurveStraight = 0.1;
+
+// A piece of a curve, from v = a to b, with its control points.
 struct CurvePiece {
   double a, b;
   DVec3 point[4];
-  double radius[4], bend;
+  double radius[4];
+  double widest;
+  double bend;  // and change of taper: the length of the control points' second differences
+  bool straight;
 };
+
+// Works out the rest of a piece from its control points.
+PH_INLINE void look_at(CurvePiece& piece, bool flat) {
+  const DVec3(&p)[4] = piece.point;
+  const double (&r)[4] = piece.radius;
+  const DVec3 m = p[0] - p[1] * 2.0 + p[2], n = p[1] - p[2] * 2.0 + p[3];
+  const double k = r[0] - 2.0 * r[1] + r[2], l = r[1] - 2.0 * r[2] + r[3];
+  piece.bend = compiler::sqrt(dot(m, m) + dot(n, n) + k * k + l * l);
+  // The hull of spheres that grow nearly as fast as they move is as sensitive as they differ.
+  const double way = length(p[3] - p[0]);
+  double room = flat ? way : abs(way - abs(r[3] - r[0]));
+  piece.widest = r[0];
+  PH_UNROLL
+  for (int i = 0; i < 4; ++i) {
+    room = r[i] < room ? r[i] : room;
+    piece.widest = r[i] > piece.widest ? r[i] : piece.widest;
+  }
+  piece.straight = piece.bend <= kCurveStraight * room;
+}
+
+PH_INLINE CurvePiece whole(const CurveSeen& c, bool flat) {
+  CurvePiece piece;
+  piece.a = 0.0;
+  piece.b = 1.0;
+  PH_UNROLL
+  for (int k = 0; k < 4; ++k) {
+    piece.point[k] = c.point[k];
+    piece.radius[k] = c.radius[k];
+  }
+  look_at(piece, flat);
+  return piece;
+}
 
 // Calls accept(hit) for the places where the ray meets a nearly straight piece, in no order. accept
 // returns whether it has taken the hit; then the farther of two may be left out.
-// margin: how far outside of the piece, in its lengths, a guess may lie.
 // False if a guess has led astray, and a smaller piece would make better ones.
 template <class F>
-inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, double margin,
-                       F&& accept) {
+inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, F&& accept) {
   const double a = piece.a, b = piece.b;
   const DVec3(&point)[4] = piece.point;
   const double (&radius)[4] = piece.radius;
+  const DVec3 d = c.direction, e = point[3] - point[0];
+  const double dd = dot(d, d), de = dot(d, e);
+  // How far outside of the piece, in its lengths, a guess may lie.
+  const double margin = 0.25 + 2.0 * piece.bend * piece.widest / dot(e, e);
   double taken = static_cast<double>(kInfinity);  // the last place that was
   const auto offer = [&](double t, double share) {
     if (!(share >= -margin && share <= 1.0 + margin)) return true;
@@ -240,8 +294,6 @@ inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, d
     }
     return abs(v - 0.5 * (a + b)) <= (0.5 + margin) * (b - a);
   };
-  const DVec3 d = c.direction, e = point[3] - point[0];
-  const double dd = dot(d, d), de = dot(d, e);
   if (flat) {
     const DVec3 q = point[0] - d * (dot(point[0], d) / dd), across = e - d * (de / dd);
     offer(0.0, clamp(-dot(q, across) / dot(across, across), 0.0, 1.0));
@@ -250,11 +302,11 @@ inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, d
   // The cone around the two end spheres: the places w, counted from the first centre, where
   // |w|^2 - r^2 - (w.e + r dr)^2 / (e.e - dr^2) is 0.
   const double r = radius[0], dr = radius[3] - r;
-  const double wide = dot(e, e) - dr * dr;
+  const double wide = dot(e, e) - dr * dr, over_wide = 1.0 / wide;
   const DVec3 w = point[0] * -1.0;
   const double we = dot(w, e) + r * dr;
-  const double A = dd - de * de / wide, B = dot(w, d) - we * de / wide;
-  const double C = dot(w, w) - r * r - we * we / wide;
+  const double A = dd - de * de * over_wide, B = dot(w, d) - we * de * over_wide;
+  const double C = dot(w, w) - r * r - we * we * over_wide;
   const double discriminant = B * B - A * C;
   // A ray that just misses the cone may still meet the curved piece: start where it is nearest. But
   // both lie within the cone of spheres that are larger by what the piece bends: control points
@@ -262,51 +314,51 @@ inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, d
   // together is the curve by less than that.
   const bool pierced = discriminant > 0.0;
   if (!pierced && wide > 0.0) {
-    const double more = we + piece.bend * dr, wider = B + (we - more) * de / wide;
-    const double rest = C - piece.bend * (2.0 * r + piece.bend) + (we * we - more * more) / wide;
+    const double more = we + piece.bend * dr, wider = B + (we - more) * de * over_wide;
+    const double rest =
+        C - piece.bend * (2.0 * r + piece.bend) + (we * we - more * more) * over_wide;
     if (wider * wider - A * rest < 0.0) return true;
   }
   const double half = pierced ? compiler::sqrt(discriminant) : 0.1 * abs(A) * r;
-  const double t0 = (-B - half) / A, t1 = (-B + half) / A;
-  const bool first = offer(t0, (we + t0 * de) / wide);
+  const double over_A = 1.0 / A, t0 = (-B - half) * over_A, t1 = (-B + half) * over_A;
+  const bool first = offer(t0, (we + t0 * de) * over_wide);
   // What was found by the nearer guess, and closer to it than to the other.
   if (first && t0 < t1 && taken < 0.5 * (t0 + t1)) return true;
-  const bool second = offer(t1, (we + t1 * de) / wide);
+  const bool second = offer(t1, (we + t1 * de) * over_wide);
   return (first && second) || !pierced;
 }
 
-// A piece counts as nearly straight when it bends by less than this share of its length and radius.
-inline constexpr double kCurveStraight = 0.1;
-
-// Sixteen pieces of equal steps of v: what each control point of the curve weighs in theirs.
+// Where sixteen pieces of equal steps of v begin and end: what each control point weighs there.
 struct PieceWeights {
-  float of[4][4][16];
+  float of[4][2][16];
 };
 constexpr PieceWeights piece_weights() {
   PieceWeights w = {};
-  for (u32 k = 0; k < 16; ++k) {
-    for (u32 i = 0; i < 4; ++i) {
-      double one[4] = {0, 0, 0, 0}, piece[4] = {};
-      one[i] = 1.0;
-      piece_of(one, k / 16.0, (k + 1) / 16.0, piece);
-      for (u32 j = 0; j < 4; ++j) w.of[j][i][k] = static_cast<float>(piece[j]);
+  for (int k = 0; k < 16; ++k) {
+    for (int end = 0; end < 2; ++end) {
+      const double v = (k + end) / 16.0, u = 1.0 - v;
+      const double of[4] = {u * u * u, 3.0 * u * u * v, 3.0 * u * v * v, v * v * v};
+      for (int i = 0; i < 4; ++i) w.of[i][end][k] = static_cast<float>(of[i]);
     }
   }
   return w;
 }
 alignas(64) PH_TABLE PieceWeights kPieceWeights = piece_weights();
 
-// Sixteen curves' control points as rays along z see them that go through the origin, and by how
-// much their hulls are widened.
+// What sixteen curves, or pieces, lie around, as rays along z see it that go through the origin:
+// the hulls of some points, from the first way to the last, and how far from these they reach.
+template <int kPoints>
 struct HullsSeen {
-  Lanes x[4], y[4], z[4], reach;
+  Lanes x[kPoints], y[kPoints], z[kPoints], reach;
 };
 // Whether the rays' lines pass through the hulls: these are held against lines along and across the
 // way from first to last point, between which what is thin is narrow, however it lies.
-PH_INLINE LaneMask hulls_met(const HullsSeen& h) {
-  const Lanes along_x = h.x[3] - h.x[0], along_y = h.y[3] - h.y[0];
+template <int kPoints>
+PH_INLINE LaneMask hulls_met(const HullsSeen<kPoints>& h) {
+  constexpr int kLast = kPoints - 1;
+  const Lanes along_x = h.x[kLast] - h.x[0], along_y = h.y[kLast] - h.y[0];
   Lanes low[2], high[2];
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < kPoints; ++k) {
     const Lanes at[2] = {along_x * h.x[k] + along_y * h.y[k], along_x * h.y[k] - along_y * h.x[k]};
     for (int i = 0; i < 2; ++i) {
       low[i] = k == 0 ? at[i] : min(low[i], at[i]);
@@ -317,11 +369,18 @@ PH_INLINE LaneMask hulls_met(const HullsSeen& h) {
   const Lanes back = all(0.0f) - reach;
   return (low[0] <= reach) & (back <= high[0]) & (low[1] <= reach) & (back <= high[1]);
 }
-// And whether some of the hulls lies between two distances.
-PH_INLINE LaneMask hulls_within(const HullsSeen& h, Lanes nearest, Lanes farthest) {
-  const Lanes low = min(min(h.z[0], h.z[1]), min(h.z[2], h.z[3]));
-  const Lanes high = max(max(h.z[0], h.z[1]), max(h.z[2], h.z[3]));
-  return (low <= farthest + h.reach) & (nearest - h.reach <= high);
+// The distances along the rays between which the hulls lie.
+template <int kPoints>
+PH_INLINE Lanes begin_of(const HullsSeen<kPoints>& h) {
+  Lanes low = h.z[0];
+  for (int k = 1; k < kPoints; ++k) low = min(low, h.z[k]);
+  return low - h.reach;
+}
+template <int kPoints>
+PH_INLINE Lanes end_of(const HullsSeen<kPoints>& h) {
+  Lanes high = h.z[0];
+  for (int k = 1; k < kPoints; ++k) high = max(high, h.z[k]);
+  return high + h.reach;
 }
 
 // The pieces, as bits, that the ray's line may meet, and those that it may meet between two
@@ -329,37 +388,38 @@ PH_INLINE LaneMask hulls_within(const HullsSeen& h, Lanes nearest, Lanes farthes
 struct PiecesMet {
   u32 met, within;
 };
-PH_INLINE PiecesMet pieces_met(const CurveSeen& c, const Frame& frame, double nearest,
+PH_INLINE PiecesMet pieces_met(const CurveSeen& c, const Frame& frame, double bend, double nearest,
                                double farthest) {
   const DVec3 axis[3] = {to_double(frame.x), to_double(frame.y), c.direction};
-  HullsSeen h;
+  HullsSeen<2> h;
+  Lanes radius[2];
   double extent = 0.0;
-  for (int j = 0; j < 4; ++j) {
-    h.x[j] = h.y[j] = h.z[j] = all(0.0f);
-    extent += abs(c.point[j].x) + abs(c.point[j].y) + abs(c.point[j].z);
-  }
-  Lanes radius[4] = {all(0.0f), all(0.0f), all(0.0f), all(0.0f)};
   for (int i = 0; i < 4; ++i) {
+    extent += abs(c.point[i].x) + abs(c.point[i].y) + abs(c.point[i].z);
     const Lanes x = all(static_cast<float>(dot(c.point[i], axis[0])));
     const Lanes y = all(static_cast<float>(dot(c.point[i], axis[1])));
     const Lanes z = all(static_cast<float>(dot(c.point[i], axis[2])));
     const Lanes r = all(static_cast<float>(c.radius[i]));
-    for (int j = 0; j < 4; ++j) {
-      const Lanes w = load(kPieceWeights.of[j][i]);
-      h.x[j] = h.x[j] + x * w;
-      h.y[j] = h.y[j] + y * w;
-      h.z[j] = h.z[j] + z * w;
-      radius[j] = radius[j] + r * w;
+    for (int j = 0; j < 2; ++j) {
+      const Lanes w = load(kPieceWeights.of[i][j]);
+      h.x[j] = i == 0 ? x * w : h.x[j] + x * w;
+      h.y[j] = i == 0 ? y * w : h.y[j] + y * w;
+      h.z[j] = i == 0 ? z * w : h.z[j] + z * w;
+      radius[j] = i == 0 ? r * w : radius[j] + r * w;
     }
   }
-  // The frame is orthonormal to 1e-6, and sums of four and products are rounded by less than 3e-6
-  // of the control points.
-  h.reach = max(max(radius[0], radius[1]), max(radius[2], radius[3])) * all(1.0f + 1e-5f) +
-            all(static_cast<float>(4e-6 * extent));
+  // Between its ends a piece is off the straight line by an eighth of the square of its share of v
+  // times the second derivative, which is at most 6 times a second difference; position and radius
+  // together by sqrt(2) of that. The frame is orthonormal to 1e-6, and sums of four and products
+  // are rounded by less than 3e-6 of the control points.
+  constexpr double kBulge = 6.0 / (8.0 * 16.0 * 16.0) * 1.4143;
+  h.reach = max(radius[0], radius[1]) * all(1.0f + 1e-5f) +
+            all(static_cast<float>(kBulge * bend + 4e-6 * extent));
   const double room = 2e-7 * abs(c.start);
+  const Lanes from = all(static_cast<float>(nearest - c.start - room));
+  const Lanes to = all(static_cast<float>(farthest - c.start + room));
   const u32 met = bits(hulls_met(h));
-  return {met, met & bits(hulls_within(h, all(static_cast<float>(nearest - c.start - room)),
-                                       all(static_cast<float>(farthest - c.start + room))))};
+  return {met, met & bits((begin_of(h) <= to) & (from <= end_of(h)))};
 }
 
 // Calls accept(hit) for the places where the ray meets the curve from v = a to b.
@@ -374,18 +434,14 @@ inline void meet_between(const CurveSeen& c, const Frame& frame, bool flat, doub
     CurvePiece piece;
     piece.a = a + index * size;
     piece.b = piece.a + size;
-    piece_of(c.point, piece.a, piece.b, piece.point);
-    piece_of(c.radius, piece.a, piece.b, piece.radius);
+    piece_of(c.way, piece.a, piece.b, piece.point);
+    piece_of(c.width, piece.a, piece.b, piece.radius);
+    look_at(piece, flat);
     const DVec3(&p)[4] = piece.point;
-    const double (&r)[4] = piece.radius;
-    double least = r[0], most = r[0], extent = 0.0;
-    for (int k = 0; k < 4; ++k) {
-      least = r[k] < least ? r[k] : least;
-      most = r[k] > most ? r[k] : most;
-      extent += abs(p[k].x) + abs(p[k].y) + abs(p[k].z);
-    }
+    double extent = 0.0;
+    for (int k = 0; k < 4; ++k) extent += abs(p[k].x) + abs(p[k].y) + abs(p[k].z);
     // The frame is orthonormal to 1e-6.
-    const double reach = most * (1.0 + 1e-5) + 1e-6 * extent;
+    const double reach = piece.widest * (1.0 + 1e-5) + 1e-6 * extent;
     bool near = true;  // the whole, by pieces_met
     for (u32 i = 0; i < 2 && depth > 0; ++i) {
       double low = dot(p[0], axis[i]), high = low;
@@ -397,16 +453,8 @@ inline void meet_between(const CurveSeen& c, const Frame& frame, bool flat, doub
       near = near && low <= reach && high >= -reach;
     }
     if (near) {
-      const auto square = [](double x) { return x * x; };
-      const DVec3 e = p[3] - p[0], m = p[0] - p[1] * 2.0 + p[2], n = p[1] - p[2] * 2.0 + p[3];
-      piece.bend = compiler::sqrt(dot(m, m) + dot(n, n) + square(r[0] - 2.0 * r[1] + r[2]) +
-                                  square(r[1] - 2.0 * r[2] + r[3]));
-      // The hull of spheres that grow nearly as fast as they move is as sensitive as they differ.
-      const double room = flat ? length(e) : abs(length(e) - abs(r[3] - r[0]));
-      const bool straight =
-          piece.bend <= kCurveStraight * (room < least ? room : least) || depth == kDeepest;
-      const double margin = 0.25 + 2.0 * piece.bend * most / dot(e, e);
-      if (!(straight && meet_piece(c, flat, piece, margin, accept)) && depth < kDeepest) {
+      const bool straight = piece.straight || depth == kDeepest;
+      if (!(straight && meet_piece(c, flat, piece, accept)) && depth < kDeepest) {
         ++depth;
         index *= 2;
         continue;
@@ -429,14 +477,15 @@ template <class F>
 inline void meet(const Curve& curve, Vec3 origin, Vec3 direction, double nearest, double farthest,
                  F&& accept) {
   const CurveSeen c = seen_along(curve, origin, direction);
-  const Frame frame = frame_around(direction);
   const bool flat = (curve.flags & kCurveFlat) != 0;
-  const PiecesMet pieces = pieces_met(c, frame, nearest, farthest);
+  const CurvePiece all_of_it = whole(c, flat);
   if (!flat) {
-    const u32 within = pieces.within;
-    if ((curve.flags & kCurveCapStart) != 0 && (within & 1u) != 0) meet_cap(c, false, accept);
-    if ((curve.flags & kCurveCapEnd) != 0 && (within >> 15) != 0) meet_cap(c, true, accept);
+    if ((curve.flags & kCurveCapStart) != 0) meet_cap(c, false, accept);
+    if ((curve.flags & kCurveCapEnd) != 0) meet_cap(c, true, accept);
   }
+  if (all_of_it.straight && meet_piece(c, flat, all_of_it, accept)) return;
+  const Frame frame = frame_around(direction);
+  const PiecesMet pieces = pieces_met(c, frame, all_of_it.bend, nearest, farthest);
   // Pieces that follow each other go together.
   for (u32 left = pieces.met; left != 0;) {
     const u32 first = lowest_bit(left), end = first + lowest_bit(~(left >> first));
@@ -465,15 +514,16 @@ inline bool nearest(const Curve& c, const Ray& ray, float limit, bool self, floa
   return found;
 }
 
-// found(lane, t) for each of the block's segments that is hit at 0 < t <= limit. self_lane: the
-// lane that the ray starts on, or kNone.
+// found(lane, t) for each of the block's segments that is hit at 0 < t <= limit; it returns the
+// limit for those that are left, of which the nearest hull comes first. self_lane: the lane that
+// the ray starts on, or kNone.
 template <class Found>
 PH_INLINE void intersect(const CurveBlock& block, const Ray& ray, float limit, u32 self_lane,
                          Found&& found) {
   const Frame frame = frame_around(ray.direction);
   const LaneVec3 origin = all(ray.origin), d = all(ray.direction);
   const LaneVec3 axis_x = all(frame.x), axis_y = all(frame.y);
-  HullsSeen h;
+  HullsSeen<4> h;
   Lanes size = all(0.0f), widest = size;
   for (int k = 0; k < 4; ++k) {
     const LaneVec3 f = load(block.point[k]) - origin;
@@ -486,11 +536,20 @@ PH_INLINE void intersect(const CurveBlock& block, const Ray& ray, float limit, u
   // Rounding moves a control point by less than 16 kRounding times its distance, and what is held
   // against lines by less than 8 more.
   h.reach = widest * all(1.0f + 16.0f * kRounding) + sqrt(size) * all(24.0f * kRounding);
-  u32 candidates = bits(hulls_met(h) & hulls_within(h, all(0.0f), all(limit)));
-  for (; candidates != 0; candidates &= candidates - 1) {
-    const u32 lane = lowest_bit(candidates);
+  const Lanes begin = begin_of(h);
+  u32 left = bits(hulls_met(h) & (begin <= all(limit)) & (all(0.0f) <= end_of(h)));
+  float begins[kLanes];
+  store(begins, begin);
+  while (left != 0) {
+    u32 lane = lowest_bit(left);
+    for_each_bit(left & (left - 1), [&](u32 k) { lane = begins[k] < begins[lane] ? k : lane; });
+    left &= ~(1u << lane);
     float t;
-    if (nearest(primitive(block, lane), ray, limit, lane == self_lane, t)) found(lane, t);
+    if (nearest(primitive(block, lane), ray, limit, lane == self_lane, t)) {
+      limit = found(lane, t);
+      if (!(limit > 0.0f)) return;
+      left &= bits(begin <= all(limit));
+    }
   }
 }
 

@@ -327,8 +327,10 @@ struct BundleMet {
         float t[16];
         const Ray ray = rays.at(k);
         u32 met = 0;
-        intersect(block, ray, limits[k], kNone,
-                  [&](u32 j, float distance) { met |= 1u << j, t[j] = distance; });
+        intersect(block, ray, limits[k], kNone, [&](u32 j, float distance) {
+          met |= 1u << j, t[j] = distance;
+          return limits[k];
+        });
         CHECK((met & ~may) == 0);
         hits += std::popcount(met);
         for (u32 j = 0; j < 16; ++j) {

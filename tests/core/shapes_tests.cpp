@@ -113,6 +113,7 @@ bool hits(const Shape& shape, const Ray& ray, float& t, bool self = false,
   intersect(block, ray, limit, self ? lane : kNone, [&](u32 k, float distance) {
     CHECK(k == lane);
     t = distance, ++found;
+    return limit;
   });
   CHECK(found <= 1);
   return found != 0;
@@ -493,6 +494,51 @@ void curves_are_found_again() {
   }
 }
 
+// Of a block all that are met are told, or only those that are not behind one which was, or one.
+void curves_of_a_block_are_met_as_each_alone() {
+  int several = 0, spared = 0;
+  for (int i = 0; i < 2000; ++i) {
+    auto block = empty_block<CurveBlock>();
+    Curve curves[16];
+    for (u32 k = 0; k < 16; ++k) {
+      const u32 flags = i % 2 == 0 ? u32{kCurveFlat} : kCurveCapStart | kCurveCapEnd;
+      curves[k] = any_curve(0.03f, 0.4f, i % 4 < 2 ? 1e-3f : 0.1f, flags);
+      put(block, k, curves[k]);
+    }
+    const Ray ray = ray_to(any_direction() * 2.0f, in_cube(0.3f));
+    const float limit = i % 3 == 0 ? kInfinity : 1.5f + uniform();
+    float alone[16], least = kInfinity;
+    u32 met = 0;
+    for (u32 k = 0; k < 16; ++k) {
+      if (!nearest(curves[k], ray, limit, false, alone[k])) continue;
+      met |= 1u << k;
+      least = std::min(least, alone[k]);
+    }
+    u32 all = 0, near = 0, one = 0;
+    intersect(block, ray, limit, kNone, [&](u32 k, float t) {
+      CHECK((met >> k & 1u) != 0 && t == alone[k]);
+      all |= 1u << k;
+      return limit;
+    });
+    CHECK(all == met);
+    float best = limit;
+    intersect(block, ray, limit, kNone, [&](u32 k, float t) {
+      near |= 1u << k;
+      return best = std::min(best, t);
+    });
+    CHECK(near == 0 ? met == 0 : best == least);
+    for (u32 k = 0; k < 16; ++k) CHECK((met >> k & 1u) == 0 || alone[k] > best || (near >> k & 1u));
+    intersect(block, ray, limit, kNone, [&](u32, float) {
+      ++one;
+      return 0.0f;
+    });
+    CHECK(one == (met != 0 ? 1u : 0u));
+    several += std::popcount(met) > 1 ? 1 : 0;
+    spared += near != met ? 1 : 0;
+  }
+  CHECK(several > 100 && spared > several / 2);
+}
+
 // A straight round curve of one radius is a cylinder.
 void straight_curves_are_cylinders() {
   for (int i = 0; i < 1000; ++i) {
@@ -695,7 +741,9 @@ int main() {
   }
   for (const bool flat : {false, true}) {
     curves_are_met_where_their_spheres_are(1e-2f, 0.5f, 0.0f, flat);
+    curves_are_met_where_their_spheres_are(1e-2f, 0.5f, 1e-3f, flat);  // nearly straight as a whole
     curves_are_met_where_their_spheres_are(1e-2f, 0.5f, 0.1f, flat);
+    curves_are_met_where_their_spheres_are(5e-2f, 0.2f, 0.02f, flat);
     curves_are_met_where_their_spheres_are(1e-3f, 0.5f, 0.1f, flat);
     curves_are_met_where_their_spheres_are(2e-3f, 0.02f, 0.05f, flat);
   }
@@ -705,6 +753,7 @@ int main() {
   solid_angles();
   spheres_have_longitude_and_latitude();
   curves_are_found_again();
+  curves_of_a_block_are_met_as_each_alone();
   std::printf(failures == 0 ? "shapes: ok\n" : "shapes: %d failures\n", failures);
   return failures != 0;
 }
