@@ -1,5 +1,7 @@
 #include "image.h"
 
+#include <omp.h>
+
 #include <algorithm>
 #include <limits>
 #include <tuple>
@@ -128,7 +130,7 @@ void add_row(u32 channels, const float* row, u32 n, float share, float* sums) {
 // The least and the greatest of the colours among `size` numbers, without alpha.
 template <class T>
 std::pair<T, T> color_range(const T* data, size_t size, u32 channels) {
-  constexpr size_t kLanes = 48;  // each is of one channel, of 1, 3 or 4
+  constexpr size_t kLanes = 64;  // a multiple of 4, so that alpha has lanes of its own
   T least[kLanes], most[kLanes];
   std::fill(least, least + kLanes, data[0]);
   std::fill(most, most + kLanes, data[0]);
@@ -206,17 +208,17 @@ ImagePyramid::ImagePyramid(const ImageInput& input) {
 
 ImagePyramid::Needs ImagePyramid::needs(const ImageInput& input) {
   const u64 channels = input.channels == 2 ? 4 : input.channels;
-  u64 texels = u64{input.width} * input.height, below = 0;
+  u64 texels = u64{input.width} * input.height, level[kMaxImageLevels] = {};
   if (input.mip) {
-    for (u32 w = input.width, h = input.height; w > 1 || h > 1;) {
+    for (u32 w = input.width, h = input.height, l = 1; w > 1 || h > 1; ++l) {
       w = std::max(w / 2, 1u), h = std::max(h / 2, 1u);
-      texels += u64{w} * h;
-      if (below == 0) below = u64{w} * h;
+      level[l] = u64{w} * h;
+      texels += level[l];
     }
   }
   if (input.type != SampleType::uint8) return {texels * channels * sizeof(float), 0};
   // The second level in float, and the third beside it.
-  return {texels * channels, (below + below / 4) * channels * sizeof(float)};
+  return {texels * channels, (level[1] + level[2]) * channels * sizeof(float)};
 }
 
 ImageView ImagePyramid::view() const {
@@ -310,35 +312,40 @@ void ImagePyramid::reduce() {
     const size_t from_size = size_t{from_w} * channels, size = size_t{w} * channels;
     const size_t from_first = size_t{image.first[l - 1]} * channels;
     const size_t first = size_t{image.first[l]} * channels;
-    if (floats_.empty()) level = Array<float>(size * h);
-#pragma omp parallel if (i64{w} * h > i64{kFewElements})
-    {
-      std::vector<float> line(l == 1 && floats_.empty() ? from_size : 0);
-#pragma omp for schedule(static)
-      for (u32 y = 0; y < h; ++y) {
-        float* sums = floats_.empty() ? &level[y * size] : &floats_[first + y * size];
-        std::fill(sums, sums + size, 0.0f);
-        const Taps rows = taps(y, from_h);
-        for (u32 j = 0; j < rows.count; ++j) {
-          const size_t at = (rows.first + j) * from_size;
-          const float* row = line.data();
-          if (!floats_.empty()) {
-            row = &floats_[from_first + at];
-          } else if (l > 1) {
-            row = &kept[at];
-          } else {
-            for (size_t i = 0; i < from_size; ++i) {
-              line[i] = (channels == 4 && i % 4 == 3 ? kBytes.plain : colors)[bytes_[at + i]];
-            }
+    if (floats_.empty()) {
+      level = Array<float>();  // before there is another one
+      level = Array<float>(size * h);
+    }
+    // A row of bytes as numbers, for each thread.
+    const size_t threads =
+        l == 1 && floats_.empty() ? static_cast<size_t>(omp_get_max_threads()) : 0;
+    std::vector<float> lines(threads * from_size);
+#pragma omp parallel for schedule(static) if (i64{w} * h > i64{kFewElements})
+    for (u32 y = 0; y < h; ++y) {
+      float* line =
+          lines.empty() ? nullptr : &lines[static_cast<size_t>(omp_get_thread_num()) * from_size];
+      float* sums = floats_.empty() ? &level[y * size] : &floats_[first + y * size];
+      std::fill(sums, sums + size, 0.0f);
+      const Taps rows = taps(y, from_h);
+      for (u32 j = 0; j < rows.count; ++j) {
+        const size_t at = (rows.first + j) * from_size;
+        const float* row = line;
+        if (!floats_.empty()) {
+          row = &floats_[from_first + at];
+        } else if (l > 1) {
+          row = &kept[at];
+        } else {
+          for (size_t i = 0; i < from_size; ++i) {
+            line[i] = (channels == 4 && i % 4 == 3 ? kBytes.plain : colors)[bytes_[at + i]];
           }
-          add_row(channels, row, from_w, rows.share[j], sums);
         }
-        if (!floats_.empty()) continue;
-        u8* bytes = &bytes_[first + y * size];
-        for (size_t i = 0; i < size; ++i) {
-          const bool color = encoded && !(channels == 4 && i % 4 == 3);
-          bytes[i] = color ? codes.of(sums[i]) : to_byte(sums[i]);
-        }
+        add_row(channels, row, from_w, rows.share[j], sums);
+      }
+      if (!floats_.empty()) continue;
+      u8* bytes = &bytes_[first + y * size];
+      for (size_t i = 0; i < size; ++i) {
+        const bool color = encoded && !(channels == 4 && i % 4 == 3);
+        bytes[i] = color ? codes.of(sums[i]) : to_byte(sums[i]);
       }
     }
     std::swap(kept, level);

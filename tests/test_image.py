@@ -145,10 +145,13 @@ def test_the_header_of_a_jpeg_is_read_without_its_pixels(
     data = jpeg(tmp_path / "a.jpg", channels, progressive)
     assert data.count(b"\xff\xc2") == progressive
     padded = data[:2] + b"\xff\xff" + data[2:]  # as a marker may be
+    tables_first = data[:2] + b"\xff\xc4\0\x02" + b"\xff\xdb\0\x02" + data[2:]
+    extended = data.replace(b"\xff\xc0", b"\xff\xc1", 1)
     stored = read_pixels(padded)
     assert stored.shape == (24, 40, channels)
     monkeypatch.setattr("parhelion.image.opened", None)  # which decodes progressive ones
-    for source in (tmp_path / "a.jpg", str(tmp_path / "a.jpg"), data, padded):
+    path = tmp_path / "a.jpg"
+    for source in (path, str(path), data, padded, tables_first, extended):
         assert picture_shape(source) == stored.shape
         assert picture_bytes(source) == stored.nbytes
 
@@ -168,10 +171,18 @@ def test_a_jpeg_whose_header_tells_too_little_is_left_to_the_library(
         data[: frame + 4] + b"\x0c" + data[frame + 5 :],  # 12 bits
         data[: frame + 5] + b"\0\0" + data[frame + 7 :],  # rows
         data[: frame + 9] + b"\x02" + data[frame + 10 :],  # colours
+        data[: frame + 9] + b"\x04" + data[frame + 10 :],  # four, which are read as three
+        data[: frame + 1] + b"\xc4" + data[frame + 2 :],  # no frame
+        data[:2] + b"\xff\xe1\0\0" + data[2:],  # a segment shorter than its length
+        b"xx" + data[2:],
+        data[:2] + b"\xff" * 10_000 + data[2:],
         data[: frame + 5] + b"\xff\xff\xff\xff" + data[frame + 9 :],  # 12 GB of pixels
     ):
         with pytest.raises(LookupError):
             picture_bytes(broken)
+    for path in (tmp_path / "none.jpg", "a\0.jpg"):
+        with pytest.raises(LookupError):
+            picture_bytes(path)
 
 
 def test_exr_holds_single_precision_exactly(image: ph.Image, tmp_path: Path) -> None:

@@ -139,9 +139,10 @@ struct CurveHit {
   bool leaving;
 };
 
-// Newton's method has arrived when what is left is less than this share of the radius. Each move is
-// about as large, beside the square of the one before it, as the next will be beside its own; where
-// the ray only touches the surface moves shrink evenly, and so it does not count as near.
+// Newton's method has arrived when the next move is expected to be less than this share of the
+// radius: each is about as large, beside the square of the one before it, as the next will be
+// beside its own square. Where the ray only touches the surface more may be left, 1e-4 at most of 4
+// million.
 inline constexpr double kCurvePrecision = 1e-9;
 // The squares of a move, of the one before it, and of the radius. After the first move one of 1e-6
 // leaves less.
@@ -225,8 +226,9 @@ inline void meet_cap(const CurveSeen& c, bool end, F&& accept) {
   }
 }
 
-// A piece counts as nearly straight when it bends by less than this share of its length and radius.
-inline constexpr double kCurveStraight = 0.1;
+// A piece counts as nearly straight when it bends by less than this share of its length and radius;
+// a whole curve, of which no pieces were left out before, by less than the other.
+inline constexpr double kCurveStraight = 0.1, kCurveStraightAsWhole = 0.02;
 
 // A piece of a curve, from v = a to b, with its control points.
 struct CurvePiece {
@@ -235,7 +237,7 @@ struct CurvePiece {
   double radius[4];
   double widest;
   double bend;  // and change of taper: the length of the control points' second differences
-  bool straight;
+  double room;  // what it has to be small beside
 };
 
 // Works out the rest of a piece from its control points.
@@ -247,14 +249,13 @@ PH_INLINE void look_at(CurvePiece& piece, bool flat) {
   piece.bend = compiler::sqrt(dot(m, m) + dot(n, n) + k * k + l * l);
   // The hull of spheres that grow nearly as fast as they move is as sensitive as they differ.
   const double way = length(p[3] - p[0]);
-  double room = flat ? way : abs(way - abs(r[3] - r[0]));
+  piece.room = flat ? way : abs(way - abs(r[3] - r[0]));
   piece.widest = r[0];
   PH_UNROLL
   for (int i = 0; i < 4; ++i) {
-    room = r[i] < room ? r[i] : room;
+    piece.room = r[i] < piece.room ? r[i] : piece.room;
     piece.widest = r[i] > piece.widest ? r[i] : piece.widest;
   }
-  piece.straight = piece.bend <= kCurveStraight * room;
 }
 
 PH_INLINE CurvePiece whole(const CurveSeen& c, bool flat) {
@@ -272,9 +273,13 @@ PH_INLINE CurvePiece whole(const CurveSeen& c, bool flat) {
 
 // Calls accept(hit) for the places where the ray meets a nearly straight piece, in no order. accept
 // returns whether it has taken the hit; then the farther of two may be left out.
-// False if a guess has led astray, and a smaller piece would make better ones.
+enum class PieceMet {
+  surely,
+  barely,  // a ray that only touches it, or lies along it, may have been told too little
+  astray,  // so has a guess been led, and a smaller piece would make better ones
+};
 template <class F>
-inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, F&& accept) {
+inline PieceMet meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, F&& accept) {
   const double a = piece.a, b = piece.b;
   const DVec3(&point)[4] = piece.point;
   const double (&radius)[4] = piece.radius;
@@ -297,7 +302,7 @@ inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, F
   if (flat) {
     const DVec3 q = point[0] - d * (dot(point[0], d) / dd), across = e - d * (de / dd);
     offer(0.0, clamp(-dot(q, across) / dot(across, across), 0.0, 1.0));
-    return true;
+    return PieceMet::surely;
   }
   // The cone around the two end spheres: the places w, counted from the first centre, where
   // |w|^2 - r^2 - (w.e + r dr)^2 / (e.e - dr^2) is 0.
@@ -317,15 +322,17 @@ inline bool meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, F
     const double more = we + piece.bend * dr, wider = B + (we - more) * de * over_wide;
     const double rest =
         C - piece.bend * (2.0 * r + piece.bend) + (we * we - more * more) * over_wide;
-    if (wider * wider - A * rest < 0.0) return true;
+    if (wider * wider - A * rest < 0.0) return PieceMet::surely;
   }
   const double half = pierced ? compiler::sqrt(discriminant) : 0.1 * abs(A) * r;
   const double over_A = 1.0 / A, t0 = (-B - half) * over_A, t1 = (-B + half) * over_A;
   const bool first = offer(t0, (we + t0 * de) * over_wide);
+  const bool along = dot(e, e) * dd - de * de <= 16.0 * piece.bend * piece.bend * dd;
+  const PieceMet met = pierced && !along ? PieceMet::surely : PieceMet::barely;
   // What was found by the nearer guess, and closer to it than to the other.
-  if (first && t0 < t1 && taken < 0.5 * (t0 + t1)) return true;
+  if (first && t0 < t1 && taken < 0.5 * (t0 + t1)) return met;
   const bool second = offer(t1, (we + t1 * de) * over_wide);
-  return (first && second) || !pierced;
+  return first && second ? met : pierced ? PieceMet::astray : PieceMet::barely;
 }
 
 // Where sixteen pieces of equal steps of v begin and end: what each control point weighs there.
@@ -453,8 +460,9 @@ inline void meet_between(const CurveSeen& c, const Frame& frame, bool flat, doub
       near = near && low <= reach && high >= -reach;
     }
     if (near) {
-      const bool straight = piece.straight || depth == kDeepest;
-      if (!(straight && meet_piece(c, flat, piece, accept)) && depth < kDeepest) {
+      const bool straight = piece.bend <= kCurveStraight * piece.room || depth == kDeepest;
+      const bool done = straight && meet_piece(c, flat, piece, accept) != PieceMet::astray;
+      if (!done && depth < kDeepest) {
         ++depth;
         index *= 2;
         continue;
@@ -483,7 +491,10 @@ inline void meet(const Curve& curve, Vec3 origin, Vec3 direction, double nearest
     if ((curve.flags & kCurveCapStart) != 0) meet_cap(c, false, accept);
     if ((curve.flags & kCurveCapEnd) != 0) meet_cap(c, true, accept);
   }
-  if (all_of_it.straight && meet_piece(c, flat, all_of_it, accept)) return;
+  if (all_of_it.bend <= kCurveStraightAsWhole * all_of_it.room &&
+      meet_piece(c, flat, all_of_it, accept) == PieceMet::surely) {
+    return;
+  }
   const Frame frame = frame_around(direction);
   const PiecesMet pieces = pieces_met(c, frame, all_of_it.bend, nearest, farthest);
   // Pieces that follow each other go together.

@@ -76,6 +76,8 @@ _IDS = {"shape", "material", *cryptomatte.LAYERS}
 # header is a few bytes that can claim any size.
 _ALWAYS = 1 << 30
 _RATIO = 20
+# Of a JPEG, and bytes that fill gaps between them, to look for the header among
+_SEGMENTS = 4096
 # How numbers are read that are not read as float, and their bytes
 _KINDS = {"uint8": ("uint8", 1), "uint16": ("uint16", 2)}
 
@@ -441,7 +443,8 @@ def read_pixels(source: Encoded, where: str = "") -> NDArray[Any]:
 def picture_shape(source: Encoded, where: str = "") -> tuple[int, int, int]:
     """The shape of what read_pixels returns, by the picture's header alone.
 
-    Raises what read_pixels would for a file that is no picture or too large a one.
+    Raises what read_pixels would for a file that is no picture or too large a one; of a JPEG only
+    the frame header is looked at.
     """
     return _header(source, where)[0]
 
@@ -480,16 +483,20 @@ def _jpeg_shape(source: Encoded) -> tuple[int, int, int] | None:
         with _bytes_of(source) as file:
             if file.read(2) != b"\xff\xd8":
                 return None
-            while True:
-                marker, code = file.read(1), file.read(1)
-                while code == b"\xff":  # a marker may have any number of these before it
-                    code = file.read(1)
-                size, precision, height, width, channels = struct.unpack(">HBHHB", file.read(8))
-                if marker != b"\xff" or size < 2:
+            for _ in range(_SEGMENTS):
+                marker, code, size, precision, height, width, channels = struct.unpack(
+                    ">BBHBHHB", file.read(10)
+                )
+                if marker == code == 0xFF:  # a marker may have any number of these before it
+                    file.seek(-9, os.SEEK_CUR)
+                    continue
+                if marker != 0xFF or size < 2:
                     return None
-                if code in (b"\xc0", b"\xc1", b"\xc2"):  # by Huffman's code, as nearly all are
+                if code in (0xC0, 0xC1, 0xC2):  # by Huffman's code, as nearly all are
                     break
                 file.seek(size - 8, os.SEEK_CUR)
+            else:
+                return None
     except (OSError, ValueError, struct.error):  # no such file or name; it ends before
         return None
     known = precision == 8 and channels in (1, 3) and 0 < height * width * channels <= _ALWAYS

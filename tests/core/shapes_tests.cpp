@@ -494,6 +494,21 @@ void curves_are_found_again() {
   }
 }
 
+// A ray that only just enters a tube which is nearly straight, and misses the cone around its ends.
+void grazed_curves_are_entered() {
+  const Curve c = {{{0, 0, 0},
+                    {0.333f, 0, 0},
+                    {0.671137f, -0.000262f, -0.00517f},
+                    {1.0083f, 0.002124f, -0.0125f}},
+                   {0.1063f, 0.1026f, 0.0981f, 0.0918f},
+                   {0, 1},
+                   kCurveCapStart | kCurveCapEnd};
+  const Ray ray = {
+      {-47.5357f, 6.28805f, 11.3764f}, {0.965541f, -0.1275f, -0.226878f}, kNoSlot, false};
+  float t;
+  CHECK(hits(c, ray, t) && std::abs(t - 49.85f) < 2e-3f);  // it leaves at 50.0035
+}
+
 // Of a block all that are met are told, or only those that are not behind one which was, or one.
 void curves_of_a_block_are_met_as_each_alone() {
   int several = 0, spared = 0;
@@ -754,6 +769,7 @@ int main() {
   spheres_have_longitude_and_latitude();
   curves_are_found_again();
   curves_of_a_block_are_met_as_each_alone();
+  grazed_curves_are_entered();
   std::printf(failures == 0 ? "shapes: ok\n" : "shapes: %d failures\n", failures);
   return failures != 0;
 }

@@ -113,6 +113,21 @@ void pyramids_keep_the_mean() {
   }
 }
 
+// Whoever divides the work, what is not finite is found, the first of it.
+void what_is_not_finite_is_found_in_large_images() {
+  for (const u32 channels : {1u, 3u, 4u}) {
+    for (const size_t at : {size_t{0}, size_t{5000}, size_t{128 * 96 - 1}}) {
+      std::vector<float> texels(size_t{128} * 96 * channels, 0.5f);
+      texels.back() = kInfinity;
+      texels[at * channels] = ph::kNan;
+      const std::string told =
+          message_of({"a", texels.data(), SampleType::float32, 128, 96, channels, false, true});
+      CHECK(told == "image 'a': the pixel in row " + std::to_string(at / 128) + ", column " +
+                        std::to_string(at % 128) + " is not finite");
+    }
+  }
+}
+
 // Of large images samples of two bytes are decoded by a table: to what small ones have.
 void large_images_are_decoded_alike() {
   constexpr u32 kWidth = 512, kHeight = 160, kChannels = 4;
@@ -372,6 +387,7 @@ int main() {
   encoded_texels_are_mixed_as_light();
   pyramids_keep_the_mean();
   large_images_are_decoded_alike();
+  what_is_not_finite_is_found_in_large_images();
   encodings();
   places_and_borders();
   footprints();

@@ -31,7 +31,7 @@ class Images:
     def image(self, asset: Any, where: str) -> str | PictureBytes | None:
         """The file's path, or the bytes of one in an archive; None if it is not there.
 
-        Raises SceneError if it lies elsewhere or cannot be read.
+        Raises SceneError if it lies elsewhere or its header cannot be read.
         """
         found = self._found(asset, where)
         if found is None:
