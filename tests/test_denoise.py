@@ -126,7 +126,10 @@ def test_a_forked_process_has_a_device_of_its_own() -> None:
     expected = denoised(light)
     child = os.fork()
     if child == 0:
+        signal.alarm(60)  # rather than wait for ever
         os._exit(0 if np.array_equal(denoised(light), expected) else 1)
+    # By then the library's threads are asleep.
+    assert time.monotonic() - denoise._worker(os.getpid()).ended >= 0.1
     assert os.waitpid(child, 0)[1] == 0
 
 

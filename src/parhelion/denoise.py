@@ -44,6 +44,10 @@ ProgressCallback: TypeAlias = Callable[[float], Any]
 _WATCH = """void oidnSetFilterProgressMonitorFunction(
     OIDNFilter filter, OIDNProgressMonitorFunction function, void *user);"""
 
+# Seconds after a picture in which the library's threads go to sleep, one after the other by a lock.
+# A process that is forked meanwhile may have it locked by a thread that it has not, for ever.
+_SETTLES = 0.1
+
 # What a picture's own noisy light is called among its features
 NOISY = "noisy"
 
@@ -79,8 +83,10 @@ def denoised(
     with Stopped, as Ctrl-C does with KeyboardInterrupt; the processor is free somewhat later.
 
     What is not finite, or below 0, counts as black; finite() tells how much there is. What is
-    needed between calls is kept for the next picture of the same size. Raises ResourceError without
-    Open Image Denoise or where it fails, SceneError for arrays that do not fit together.
+    needed between calls is kept for the next picture of the same size. A fork soon after waits up
+    to a tenth of a second, or denoising there could wait for ever; so it may in a process that is
+    forked while a picture is denoised. Raises ResourceError without Open Image Denoise or where it
+    fails, SceneError for arrays that do not fit together.
     """
     if quality not in QUALITIES:
         raise SceneError(unknown_name("quality", quality, QUALITIES))
@@ -178,6 +184,7 @@ class _Worker:
         from pyoidn import capi
 
         self.lock = Lock()
+        self.ended = -_SETTLES  # when the last run did, by the clock of time.monotonic()
         self._thread: Thread | None = None
         self._oidn = pyoidn
         self._share, self._runs, self._stop = 0.0, (0, 1), False
@@ -208,9 +215,13 @@ class _Worker:
 
         def work() -> None:
             try:
-                done.set_result(run())
+                result = run()
             except BaseException as error:
+                self.ended = time.monotonic()
                 done.set_exception(error)
+            else:
+                self.ended = time.monotonic()
+                done.set_result(result)
 
         self._thread = Thread(target=work, name="denoising")
         try:
@@ -226,6 +237,10 @@ class _Worker:
             self._stop = True
             raise
         return result
+
+    def settle(self) -> None:
+        """Waits until the threads of a run that has ended are asleep."""
+        time.sleep(max(0.0, self.ended + _SETTLES - time.monotonic()))
 
     def run(
         self,
@@ -302,4 +317,7 @@ class _Worker:
 @cache
 def _worker(_process: int) -> _Worker:
     """One for each process: its threads do not survive a fork."""
-    return _Worker()
+    worker = _Worker()
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(before=worker.settle)
+    return worker
