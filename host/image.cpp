@@ -302,8 +302,8 @@ void ImagePyramid::check(const ImageInput& input) {
 void ImagePyramid::reduce() {
   const ImageView image = view();
   const u32 channels = image.channels;
-  const bool encoded = image.format == ImageFormat::srgb8;
-  const float* colors = encoded ? kBytes.srgb : kBytes.plain;
+  const bool in_bytes = floats_.empty(), encoded = image.format == ImageFormat::srgb8;
+  const auto is_alpha = [channels](size_t i) { return channels == 4 && i % 4 == 3; };
   static const SrgbCodes codes;
   Array<float> kept, level;  // of bytes, the level above and this one
   for (u32 l = 1; l < image.levels; ++l) {
@@ -312,40 +312,38 @@ void ImagePyramid::reduce() {
     const size_t from_size = size_t{from_w} * channels, size = size_t{w} * channels;
     const size_t from_first = size_t{image.first[l - 1]} * channels;
     const size_t first = size_t{image.first[l]} * channels;
-    if (floats_.empty()) {
+    if (in_bytes) {
       level = Array<float>();  // before there is another one
       level = Array<float>(size * h);
     }
-    // A row of bytes as numbers, for each thread.
-    const size_t threads =
-        l == 1 && floats_.empty() ? static_cast<size_t>(omp_get_max_threads()) : 0;
+    // A row of the image's bytes as numbers, for each thread.
+    const size_t threads = in_bytes && l == 1 ? static_cast<size_t>(omp_get_max_threads()) : 0;
     std::vector<float> lines(threads * from_size);
 #pragma omp parallel for schedule(static) if (i64{w} * h > i64{kFewElements})
     for (u32 y = 0; y < h; ++y) {
-      float* line =
-          lines.empty() ? nullptr : &lines[static_cast<size_t>(omp_get_thread_num()) * from_size];
-      float* sums = floats_.empty() ? &level[y * size] : &floats_[first + y * size];
+      float* sums = in_bytes ? &level[y * size] : &floats_[first + y * size];
       std::fill(sums, sums + size, 0.0f);
       const Taps rows = taps(y, from_h);
       for (u32 j = 0; j < rows.count; ++j) {
         const size_t at = (rows.first + j) * from_size;
-        const float* row = line;
-        if (!floats_.empty()) {
+        const float* row;
+        if (!in_bytes) {
           row = &floats_[from_first + at];
         } else if (l > 1) {
           row = &kept[at];
         } else {
+          float* line = &lines[static_cast<size_t>(omp_get_thread_num()) * from_size];
           for (size_t i = 0; i < from_size; ++i) {
-            line[i] = (channels == 4 && i % 4 == 3 ? kBytes.plain : colors)[bytes_[at + i]];
+            line[i] = (encoded && !is_alpha(i) ? kBytes.srgb : kBytes.plain)[bytes_[at + i]];
           }
+          row = line;
         }
         add_row(channels, row, from_w, rows.share[j], sums);
       }
-      if (!floats_.empty()) continue;
+      if (!in_bytes) continue;
       u8* bytes = &bytes_[first + y * size];
       for (size_t i = 0; i < size; ++i) {
-        const bool color = encoded && !(channels == 4 && i % 4 == 3);
-        bytes[i] = color ? codes.of(sums[i]) : to_byte(sums[i]);
+        bytes[i] = encoded && !is_alpha(i) ? codes.of(sums[i]) : to_byte(sums[i]);
       }
     }
     std::swap(kept, level);

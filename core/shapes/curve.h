@@ -69,7 +69,8 @@ PH_INLINE Box bounds(const Curve& c) {
                      max(max(c.point[0], c.point[1]), max(c.point[2], c.point[3])) + Vec3{r, r, r});
 }
 
-// A cubic of v by the powers of v, of which it is a third of the work of one by its control points.
+// A cubic by the powers of v, with slope and curvature 14 operations where its control points take
+// 24.
 template <class T>
 struct CurveCubic {
   T of[4];
@@ -227,7 +228,8 @@ inline void meet_cap(const CurveSeen& c, bool end, F&& accept) {
 }
 
 // A piece counts as nearly straight when it bends by less than this share of its length and radius;
-// a whole curve, of which no pieces were left out before, by less than the other.
+// a whole curve by less than the other: by a tenth, 20 of a million rays were told of their exit
+// where they barely enter.
 inline constexpr double kCurveStraight = 0.1, kCurveStraightAsWhole = 0.02;
 
 // A piece of a curve, from v = a to b, with its control points.
@@ -271,13 +273,15 @@ PH_INLINE CurvePiece whole(const CurveSeen& c, bool flat) {
   return piece;
 }
 
-// Calls accept(hit) for the places where the ray meets a nearly straight piece, in no order. accept
-// returns whether it has taken the hit; then the farther of two may be left out.
+// How places where a ray meets a piece were found.
 enum class PieceMet {
   surely,
-  barely,  // a ray that only touches it, or lies along it, may have been told too little
-  astray,  // so has a guess been led, and a smaller piece would make better ones
+  barely,  // the ray only just meets the cone, or lies along it: some may be missing
+  astray,  // where a guess has been led: a smaller piece would make better ones
 };
+
+// Calls accept(hit) for the places where the ray meets a nearly straight piece, in no order. accept
+// returns whether it has taken the hit; then the farther of two may be left out.
 template <class F>
 inline PieceMet meet_piece(const CurveSeen& c, bool flat, const CurvePiece& piece, F&& accept) {
   const double a = piece.a, b = piece.b;

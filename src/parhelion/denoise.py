@@ -184,7 +184,7 @@ class _Worker:
         from pyoidn import capi
 
         self.lock = Lock()
-        self.ended = -_SETTLES  # when the last run did, by the clock of time.monotonic()
+        self.ended = -_SETTLES  # when a filter last did, by the clock of time.monotonic()
         self._thread: Thread | None = None
         self._oidn = pyoidn
         self._share, self._runs, self._stop = 0.0, (0, 1), False
@@ -215,13 +215,9 @@ class _Worker:
 
         def work() -> None:
             try:
-                result = run()
+                done.set_result(run())
             except BaseException as error:
-                self.ended = time.monotonic()
                 done.set_exception(error)
-            else:
-                self.ended = time.monotonic()
-                done.set_result(result)
 
         self._thread = Thread(target=work, name="denoising")
         try:
@@ -297,6 +293,7 @@ class _Worker:
         made.commit()
         self._check()
         made.execute()
+        self.ended = time.monotonic()
         if self._stop:
             self._device.get_error()  # that it was cancelled
             raise Stopped

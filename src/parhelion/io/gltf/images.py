@@ -29,8 +29,7 @@ _NEAREST = 9728
 # In glTF v runs down a picture, here up
 _FLIP = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
 # How the files of images begin that glTF and its extensions may have
-_JPEG = b"\xff\xd8\xff"
-_KINDS = (b"\x89PNG\r\n\x1a\n", _JPEG, b"RIFF")
+_KINDS = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"RIFF")
 _KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"
 
 
@@ -223,11 +222,7 @@ class Images:
         if not head.startswith(_KINDS):
             raise s.error(f"{where}: is none of PNG, JPEG and WebP")
         picture = path if data is None else PictureBytes(data, f"{s.path}: {where}")
-        # To open a progressive JPEG is to decode it, which is left to when its pixels are needed.
-        if head.startswith(_JPEG):
-            self._channels[index] = 3
-        else:
-            self._channels[index] = self._told(lambda: picture_shape(picture), picture)[2]
+        self._channels[index] = self._told(lambda: picture_shape(picture), picture)[2]
         return picture
 
     def _told(self, read: Callable[[], T], picture: str | PictureBytes) -> T:
