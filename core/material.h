@@ -48,9 +48,11 @@ concept LobeDraws = requires { requires Material::lobe_draws; };
 PH_INLINE Vec3 block_color(const ParamBlock& block) {
   return {block.value[0], block.value[1], block.value[2]};
 }
-// A primitive's own colour stands for the material's, its first parameter.
-PH_INLINE void set_block_color(ParamBlock& block, Vec3 color) {
-  block.value[0] = color.x, block.value[1] = color.y, block.value[2] = color.z;
+// A primitive's own colour stands for the material's, its first parameter; not for that of a mere
+// light, which emission() in surface.h tells.
+template <class Material>
+PH_INLINE void set_own_color(Material& m, Vec3 color) {
+  if constexpr (requires { m.color; }) m.color = color;
 }
 
 }  // namespace parhelion::PH_ISA

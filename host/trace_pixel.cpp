@@ -106,7 +106,8 @@ class Recorder {
     draw_bounces(own, kinds, true, draws);
     light_number_ = light_number(draws.point[0][0], draws.light[0]);
     next_ = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
-    sampled_ = with_material(*v.block[0], [&](auto material) {
+    sampled_ = with_material(*v.block[0], [&]<class Material>(const Material&) {
+      Material material = v.parameters<Material>(0);
       pull_to_mirror(scene_, path.depth[0], material);
       return sample(material, v.local_wo.at(0), draws.bsdf(0), next_);
     });

@@ -161,7 +161,7 @@ inline u32 weigh(const Paths& paths, const Kinds& kinds, u32 lanes, u32 shared, 
           value_of_plain<Form>(these, tables, v);
         },
         [&](u32 k) {
-          const Material material = from_block<Material>(*v.block[k]);
+          const Material material = v.parameters<Material>(k);
           const Vec3 wo = v.local_wo.at(k), wi = v.local_wi.at(k);
           if constexpr (Prepares<Material>) {
             const auto& seen = v.prepared[k].template as<decltype(prepare(material, wo))>();

@@ -10,7 +10,7 @@ template <class Material>
 PH_INLINE Fate enter_material(const SceneView& scene, Paths& p, Vertices& v, u32 k) {
   if constexpr (kTransmits<Material>) {
     const MaterialRecord& record = *v.record[k];
-    Material material = from_block<Material>(*v.block[k]);
+    Material material = v.parameters<Material>(k);
     bool changed = record.priority != 0;
     if constexpr (requires { material.dispersion; }) {
       if (material.dispersion > 0.0f) {
@@ -136,7 +136,7 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
     for_each_bit(own, [&](u32 k) {
       if (wave.features && p.depth[k] == 1) {
         const bool behind = opaque[k] != 0 && v.front[k] == 0;
-        wave.features[k].albedo = albedo_of(from_block<Material>(*v.block[k]));
+        wave.features[k].albedo = albedo_of(v.parameters<Material>(k));
         wave.features[k].shading_normal = v.frame.at(k).z * (behind ? -1.0f : 1.0f);
       }
       const Fate fate = enter_material<Material>(scene, p, v, k);
@@ -144,7 +144,7 @@ inline u32 approach(const SceneView& scene, Wave& wave, Vertices& v, u32 lanes, 
       if (fate == Fate::ends) wave.alive &= ~(1u << k);
       if (fate != Fate::scatters) return;
       scattering |= 1u << k;
-      Material material = from_block<Material>(*v.block[k]);
+      Material material = v.parameters<Material>(k);
       pull_to_mirror(scene, p.depth[k], material);
       if (tells && !is_delta(material)) rough |= 1u << k;
       bool is_plain = false;

@@ -232,7 +232,7 @@ inline u32 scatter(const SceneView& scene, const RenderView& view, const Kinds& 
         },
         [&](u32 k) {
           BsdfSample s = {{0, 0, 1}, {0, 0, 0}, 0.0f, 1.0f, false};
-          Material material = from_block<Material>(*v.block[k]);
+          Material material = v.parameters<Material>(k);
           pull_to_mirror(scene, p.depth[k], material);
           const Vec3 wo = v.local_wo.at(k);
           const BsdfDraws u = draws.bsdf(k);

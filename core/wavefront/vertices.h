@@ -63,10 +63,11 @@ struct Vertices : PlainSurfaces {
 
   u32 front[kBatch];  // the surface is seen from its outside
   // What scatters: the surface's material or another that stands for it, and its parameters here,
-  // which are the record's or `own`.
+  // which are the record's or `own`, but for the colour of lanes in `colored`: `parameters` has it.
   const MaterialRecord* record[kBatch];
   const ParamBlock* block[kBatch];
   ParamBlock own[kBatch];
+  u32 colored;  // bits for those whose `color` stands for that of what scatters
   // Bits for those that are of a blend, and those of them where it is its second material that
   // scatters; the share of the one that scatters, and the other one.
   u32 blended, second;
@@ -113,6 +114,13 @@ struct Vertices : PlainSurfaces {
     return {point.at(k), normal.at(k), shading.at(k), parameter.at(k), error[k],
             slot,        id[k],        shape[k],      material[k],     color.at(k),
             uv.at(k),    dpdu.at(k),   dpdv.at(k),    uv_rate[k]};
+  }
+  // The parameters of what scatters.
+  template <class Material>
+  PH_INLINE Material parameters(u32 k) const {
+    Material m = from_block<Material>(*block[k]);
+    if ((colored >> k & 1u) != 0) set_own_color(m, color.at(k));
+    return m;
   }
   PH_INLINE void set_blend(u32 k, const BlendChoice& choice) {
     if (choice.own == choice.other || !(choice.share < 1.0f)) return;
