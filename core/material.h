@@ -48,11 +48,11 @@ concept LobeDraws = requires { requires Material::lobe_draws; };
 PH_INLINE Vec3 block_color(const ParamBlock& block) {
   return {block.value[0], block.value[1], block.value[2]};
 }
-// A primitive's own colour stands for the material's, its first parameter; not for that of a mere
-// light, which emission() in surface.h tells.
+// A primitive's own colour stands for the material's, its first parameter.
 template <class Material>
-PH_INLINE void set_own_color(Material& m, Vec3 color) {
-  if constexpr (requires { m.color; }) m.color = color;
+PH_INLINE void set_first_color(Material& m, Vec3 color) {
+  static_assert(Material::params[0].size == 3);
+  compiler::copy(&m, &color, sizeof(color));
 }
 
 }  // namespace parhelion::PH_ISA

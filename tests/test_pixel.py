@@ -155,6 +155,54 @@ def test_the_numbers_of_a_vertex() -> None:
     assert path.background == (0, 0, 0)
 
 
+@pytest.mark.parametrize(
+    ("name", "params"),
+    [
+        ("diffuse", {}),
+        ("conductor", {"roughness": 0.4}),
+        ("dielectric", {"dispersion": 0.3}),
+        ("dielectric", {"roughness": 0.4, "priority": 1}),
+        ("thin_dielectric", {}),
+        ("plastic", {"roughness": 0.4}),
+        ("principled", {"metallic": 0.5}),
+        ("principled", {"transmission": 0.5, "roughness": 0.4}),
+        ("principled", {"iridescence": 1.0}),
+        ("diffuse_transmission", {}),
+        ("null", {}),
+        ("blend", {"b": {"metallic": 0.5, "transmission": 0.5}}),
+    ],
+    ids=str,
+)
+def test_a_colour_of_its_own_is_as_good_as_the_material_s(name: str, params: dict) -> None:
+    """In pictures, features and paths; whether sixteen are worked out together or one by one."""
+
+    def material(color: Any) -> ph.Material:
+        if name != "blend":
+            return ph.Material(name, **params, **color)
+        parts = (ph.Material("plastic", **color), ph.Material("principled", **params["b"], **color))
+        return ph.Material("blend", a=parts[0], b=parts[1], weight=0.4)
+
+    centers, color = np.random.default_rng(7).uniform(-1, 1, (12, 3)), (0.9, 0.5, 0.25)
+    sky = ph.Background("gradient", horizon=(0.1, 0.2, 0.3), zenith=(1.0, 0.9, 0.8))
+    lamp = ph.Light("point", position=(0, 4, 3), intensity=(10.0, 20.0, 30.0))
+    pictures, features, paths = [], [], []
+    for balls in (
+        ph.Spheres(centers, 0.5, material({"color": color}), name="balls"),
+        ph.Spheres(centers, 0.5, material({}), [color] * 12, name="balls"),
+    ):
+        scene = ph.Scene([balls], camera=ph.Camera(eye=(0, 1, 5)), background=sky, lights=[lamp])
+        prepared = ph.prepare(scene)
+        picture = ph.render(prepared, width=24, height=16, spp=8, features=True)
+        pictures.append(picture.numpy())
+        features.append(picture.features["albedo"])
+        told = [ph.trace_pixel(prepared, 12, y, width=24, height=16) for y in range(2, 14)]
+        paths.append([[(v.pdf, v.specular, v.throughput) for v in p.vertices] for p in told])
+    assert_array_equal(*pictures)
+    assert_array_equal(*features)
+    assert paths[0] == paths[1]
+    assert any(paths[0])
+
+
 def test_mirrors_copies_and_ends() -> None:
     mirror = ph.Material("metal", color=(0.9, 0.9, 0.9), fuzz=0.0)
     ball = ph.Spheres([[0, 0, 0]], 1.0, material=mirror, name="ball")

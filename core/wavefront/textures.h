@@ -56,13 +56,10 @@ inline void find_emission(const SceneView& scene, const Paths& p, u32 lanes, Ver
   queue.finish();
 }
 
-// The parameters of materials, with what stands for them here: textures, and which lanes have a
-// colour of their own; and what maps of normals have.
+// The parameters of materials, with the textures that stand for them here, and what maps of normals
+// have.
 inline void find_parameters(const SceneView& scene, const Paths& p, u32 lanes, Vertices& v) {
-  u32 own_color[kBatch];
-  for (u32 k = 0; k < kBatch; ++k) own_color[k] = has_color(v.color.at(k)) ? 1 : 0;
   const u32 textured = having(kTextured, v.traits, lanes);
-  v.colored = having(1, own_color, lanes);
   for_each_bit(lanes, [&](u32 k) { v.block[k] = &v.record[k]->block; });
   if (textured != 0) {
     Texel texel[kBatch][kBlockFloats];

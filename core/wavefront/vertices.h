@@ -63,11 +63,10 @@ struct Vertices : PlainSurfaces {
 
   u32 front[kBatch];  // the surface is seen from its outside
   // What scatters: the surface's material or another that stands for it, and its parameters here,
-  // which are the record's or `own`, but for the colour of lanes in `colored`: `parameters` has it.
+  // which are the record's or `own`, but for a primitive's own colour: `parameters` has that, too.
   const MaterialRecord* record[kBatch];
   const ParamBlock* block[kBatch];
   ParamBlock own[kBatch];
-  u32 colored;  // bits for those whose `color` stands for that of what scatters
   // Bits for those that are of a blend, and those of them where it is its second material that
   // scatters; the share of the one that scatters, and the other one.
   u32 blended, second;
@@ -119,7 +118,7 @@ struct Vertices : PlainSurfaces {
   template <class Material>
   PH_INLINE Material parameters(u32 k) const {
     Material m = from_block<Material>(*block[k]);
-    if ((colored >> k & 1u) != 0) set_own_color(m, color.at(k));
+    if (const Vec3 own_color = color.at(k); has_color(own_color)) set_first_color(m, own_color);
     return m;
   }
   PH_INLINE void set_blend(u32 k, const BlendChoice& choice) {
