@@ -135,7 +135,7 @@ PH_INLINE bool sample(const Material& m, Vec3 wo, const BsdfDraws& u, BsdfSample
 template <class... Form>
 struct PlainForms {};
 
-inline constexpr u32 kMostPlainForms = 6;
+inline constexpr u32 kMostPlainForms = 7;
 
 // Calls f.operator()<Form>(number) for each form in which a type of materials may be plain.
 template <class... Form, class F>

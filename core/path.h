@@ -316,28 +316,30 @@ PH_INLINE Vec3 albedo_of(const Material& m) {
   }
 }
 
-// The share of a blend's second material.
-PH_INLINE float second_share(const SceneView& scene, const MaterialRecord& blend, const Surface& s,
+// The share of a blend's second material, at the surface that `at` returns.
+template <class At>
+PH_INLINE float second_share(const SceneView& scene, const MaterialRecord& blend, At&& at,
                              float width) {
-  const float share = scalar(scene, blend.blend_weight, blend.blend_texture, s, width);
+  const float share = scalar(scene, blend.blend_weight, blend.blend_texture, at, width);
   return clamp(share, 0.0f, 1.0f);
 }
 // Whether chance, `u`, makes the second of it; leaves what is left of the number in u.
 PH_INLINE bool is_second(float share, float& u) {
   const bool second = u < share;
-  u = second ? u / share : (u - share) / (1.0f - share);
+  u = (second ? u : u - share) / (second ? share : 1.0f - share);
   return second;
 }
 
 // The material that a blend leaves to chance at a surface; of others that itself.
-PH_INLINE const MaterialRecord& chosen_material(const SceneView& scene, u32 from, const Surface& s,
+template <class At>
+PH_INLINE const MaterialRecord* chosen_material(const SceneView& scene, u32 from, At&& at,
                                                 float width, float u) {
   const MaterialRecord* m = &scene.materials[from];
   while (m->blend_first != kNone) {
-    const bool second = is_second(second_share(scene, *m, s, width), u);
+    const bool second = is_second(second_share(scene, *m, at, width), u);
     m = &scene.materials[second ? m->blend_second : m->blend_first];
   }
-  return *m;
+  return m;
 }
 
 // The one of a blend's two materials that a path goes on by, and its chance; and the other. What is
@@ -347,15 +349,15 @@ struct BlendChoice {
   float share;
   bool second;
 };
-PH_INLINE BlendChoice choose_material(const SceneView& scene, const MaterialRecord& blend,
-                                      const Surface& s, float width, const Sampler& sampler,
-                                      u32 depth) {
-  float u = draw1(sampler, bounce_draw(depth) + kDrawBlend);
-  const float share = second_share(scene, blend, s, width);
+template <class At>
+PH_INLINE BlendChoice choose_material(const SceneView& scene, const MaterialRecord& blend, At&& at,
+                                      float width, float u) {
+  const float share = second_share(scene, blend, at, width);
   const bool second = is_second(share, u);
-  const MaterialRecord& a = chosen_material(scene, blend.blend_first, s, width, u);
-  const MaterialRecord& b = chosen_material(scene, blend.blend_second, s, width, u);
-  return second ? BlendChoice{&b, &a, share, true} : BlendChoice{&a, &b, 1.0f - share, false};
+  // In an array, since no branch could be guessed.
+  const MaterialRecord* const both[2] = {chosen_material(scene, blend.blend_first, at, width, u),
+                                         chosen_material(scene, blend.blend_second, at, width, u)};
+  return {both[second ? 1 : 0], both[second ? 0 : 1], second ? share : 1.0f - share, second};
 }
 
 }  // namespace parhelion::PH_ISA

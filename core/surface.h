@@ -272,16 +272,19 @@ PH_INLINE Vec2 bump_slope(const SceneView& scene, u32 texture, const Surface& s,
       [&](u32 name) { return attribute_at(s, name); });
 }
 
-PH_INLINE float scalar(const SceneView& scene, float value, const TextureBinding& binding,
-                       const Surface& s, float width) {
+// A number, or what a texture has in its place at the surface that `at` returns: that is asked for
+// one only then, as it is much to put together.
+template <class At>
+PH_INLINE float scalar(const SceneView& scene, float value, const TextureBinding& binding, At&& at,
+                       float width) {
   if (binding.texture == kNone) return value;
-  return channel_of(texel(scene, binding.texture, s, width), binding.channel);
+  return channel_of(texel(scene, binding.texture, at(), width), binding.channel);
 }
 
 // Share of the light that finds a surface here, not a hole.
 PH_INLINE float opacity(const SceneView& scene, const MaterialRecord& m, const Surface& s,
                         float width) {
-  return scalar(scene, m.opacity, m.opacity_texture, s, width);
+  return scalar(scene, m.opacity, m.opacity_texture, [&] { return s; }, width);
 }
 
 // Calls f(texture) for each texture that stands for parameters of a material, in their order, and

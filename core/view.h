@@ -102,7 +102,8 @@ inline constexpr u32 kUsesUv = 1u << 0;    // a texture or anisotropy needs the 
 inline constexpr u32 kTextured = 1u << 1;  // parameters or normals
 inline constexpr u32 kShines = 1u << 2;    // on some side, if no texture makes it black
 inline constexpr u32 kShinesByTexture = 1u << 3;
-inline constexpr u32 kVaries = 1u << 4;  // a blend, or the back is another
+inline constexpr u32 kBlends = 1u << 4;
+inline constexpr u32 kTwoSided = 1u << 5;  // the back is another
 inline constexpr u32 kKindShift = 8;
 
 // A surface's material: its type's own parameters, and what every type has.

@@ -20,26 +20,30 @@ namespace parhelion::PH_ISA {
 // Takes paths that have met a surface each through it, or ends them.
 template <class Watch = Unwatched>
 inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Vertices& v,
-                  PathStats& stats, const Watch& watch = {}) {
+                  Partners& others, PathStats& stats, const Watch& watch = {}) {
   Paths& p = wave.paths;
   const u32 first = wave.features ? equal(1, p.depth) & wave.alive : 0;
   find_surfaces(scene, p, wave.alive, first, v);
   travel(p, v);
   find_emission(scene, p, wave.alive, v);
   v.blended = v.second = 0;
+  const u32 met = wave.alive;
   const u32 alone =
-      meets_more(scene, view, wave) ? wave.alive : having(kShines | kVaries, v.traits, wave.alive);
+      meets_more(scene, view, wave) ? met : having(kShines | kTwoSided, v.traits, met);
   const u32 ending = meet_plainly(view.max_depth, p, v) & ~alone;
-  for_each_bit(wave.alive & ~alone, [&](u32 k) {
-    watch(Step::meets, wave, &v, k, (ending >> k & 1u) != 0 ? Fate::ends : Fate::scatters);
-  });
-  u32 meeting = wave.alive & ~alone & ~ending;
+  u32 meeting = met & ~alone & ~ending;
   wave.alive &= ~ending;
   for_each_bit(alone, [&](u32 k) {
     const Fate fate = meet(scene, view, wave, v, k, stats);
-    watch(Step::meets, wave, &v, k, fate);
     if (fate == Fate::scatters) meeting |= 1u << k;
     if (fate == Fate::ends) wave.alive &= ~(1u << k);
+  });
+  const u32 blends = having(kBlends, v.traits, meeting);
+  if (blends != 0) choose_materials(scene, blends, p, v);
+  for_each_bit(met, [&](u32 k) {
+    const bool scatters = (meeting >> k & 1u) != 0, passes = (wave.alive >> k & 1u) != 0;
+    watch(Step::meets, wave, &v, k,
+          scatters ? Fate::scatters : (passes ? Fate::passes : Fate::ends));
   });
   if (wave.groups) keep_emission(scene, wave, v, meeting);
   wave.note_direct(alone);
@@ -47,7 +51,7 @@ inline void shade(const SceneView& scene, const RenderView& view, Wave& wave, Ve
   Kinds kinds;
   u32 rough = 0;
   const u32 seconds = wave.groups ? at_second(wave, meeting) : 0;
-  Partners others;
+  others.lanes = 0;
   if (const u32 blended = v.blended & meeting & ~seconds; blended != 0 && asks_for_light(scene)) {
     approach_partners(scene, wave, blended, v, others);
   }
@@ -95,11 +99,12 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
   begin_paths(scene, view, batch);
   Wave wave;
   Vertices vertices = {};
+  Partners partners = {};
   begin(scene, view, batch, 1, wave, stats);
   watch(Step::begins, wave, nullptr, 0, wave.alive != 0 ? Fate::passes : Fate::ends);
   while (wave.alive != 0) {
     trace(scene, view, wave, false, stats, watch);
-    if (wave.alive != 0) shade(scene, view, wave, vertices, stats, watch);
+    if (wave.alive != 0) shade(scene, view, wave, vertices, partners, stats, watch);
   }
   return wave.paths.sum.at(0);
 }

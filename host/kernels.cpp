@@ -20,6 +20,7 @@ void render(const SceneView& scene, const RenderView& view, Samples& samples, Pa
   Wave wave, fresh;
   wave.groups = fresh.groups = samples.groups();
   Vertices vertices = {};
+  Partners partners = {};
   CameraBatch<kBatch> batch;
   u32 n = 0;              // samples in the batch that began last
   Features seen[kBatch];  // of both: with features the one is empty when it takes all of the other
@@ -64,7 +65,7 @@ void render(const SceneView& scene, const RenderView& view, Samples& samples, Pa
     }
     if (wave.alive == 0) break;
     before = wave.alive;
-    shade(scene, view, wave, vertices, stats);
+    shade(scene, view, wave, vertices, partners, stats);
     end(wave, before & ~wave.alive);
   }
   samples.finish();

@@ -659,9 +659,9 @@ void Scene::make_materials() {
               baseline::black(m.absorption) && m.blend_first == kNone && m.back == i;
     derive(m, bindings_.data() + m.first_binding);
     const bool textured = m.binding_count != 0 || m.normal_map != kNone;
-    const bool varies = m.blend_first != kNone || m.back != i;
     m.traits = (m.traits & kUsesUv) | (textured ? kTextured : 0) | (shines(m) ? kShines : 0) |
-               (m.emission_texture != kNone ? kShinesByTexture : 0) | (varies ? kVaries : 0) |
+               (m.emission_texture != kNone ? kShinesByTexture : 0) |
+               (m.blend_first != kNone ? kBlends : 0) | (m.back != i ? kTwoSided : 0) |
                m.block.kind << kKindShift;
     m.body = has_inside(m) && (m.priority != 0 || !baseline::black(m.absorption));
     view_.has_bodies = view_.has_bodies || m.body;

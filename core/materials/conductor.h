@@ -16,7 +16,7 @@ struct Conductor {
   float roughness, anisotropy, distribution, compensation;
 
   using Plain = PlainForms<
-      PlainConductor<Facets::ggx>, PlainConductor<Facets::beckmann>,
+      struct Mirror, PlainConductor<Facets::ggx>, PlainConductor<Facets::beckmann>,
       CompensatedConductor<Facets::ggx, false>, CompensatedConductor<Facets::beckmann, false>,
       CompensatedConductor<Facets::ggx, true>, CompensatedConductor<Facets::beckmann, true>>;
   static constexpr const char* doc = "metal by its complex index of refraction, smooth or rough";
@@ -44,28 +44,36 @@ PH_INLINE Vec3 reflected(Vec3 share, float gain) {
   return {all(share.x), all(share.y), all(share.z)};
 }
 
-// Smooth, or of single bounces
+struct Mirror {
+  Vec3 color, eta, k;
+
+  PH_INLINE static bool fits(const Conductor& m) { return is_delta(m); }
+  PH_INLINE static Mirror of(const Conductor& m) { return {m.color, m.eta, m.k}; }
+  PH_INLINE Mirror whole() const { return *this; }
+};
+
+// Rough, of single bounces
 template <Facets kDistribution>
 struct PlainConductor {
   Vec3 color, eta, k;
   float roughness, anisotropy;
 
   PH_INLINE static bool fits(const Conductor& m) {
-    const Facets own = m.distribution < 0.5f ? Facets::ggx : Facets::beckmann;
-    return own == kDistribution && (m.compensation >= 0.5f || is_delta(m));
+    const Microfacets d = microfacets(m);
+    return d.distribution == kDistribution && m.compensation >= 0.5f && !smooth(d);
   }
   PH_INLINE static PlainConductor of(const Conductor& m) {
     return {m.color, m.eta, m.k, m.roughness, m.anisotropy};
   }
-  PH_INLINE Conductor whole() const {
-    return {color, eta, k, roughness, anisotropy, static_cast<float>(kDistribution), 1.0f};
+  PH_INLINE PlainConductor whole() const { return *this; }
+  PH_INLINE Microfacets facets() const {
+    return microfacets(roughness, anisotropy, static_cast<float>(kDistribution));
   }
 };
 
 template <Facets kDistribution>
 PH_INLINE Gloss gloss(const PlainConductor<kDistribution>& m, Vec3 wo) {
-  const Microfacets d = microfacets(m.whole());
-  return gloss_of(d, smooth(d) ? 0.0f : 1.0f, 0.0f, wo);
+  return gloss_of(m.facets(), 1.0f, 0.0f, wo);
 }
 
 struct ConductorValue {
@@ -96,6 +104,43 @@ PH_INLINE ConductorValue rough_value(const Material& m, const Microfacets& facet
   Vec3 share = fresnel_conductor(min(r.facing, 1.0f), m.eta, m.k);
   if (all) share = reflected(share, gain);
   return {m.color * share * (same_side * r.value), same_side * r.pdf};
+}
+
+// Samples a rough one, of which value(wo, wi) is known, by what is visible from wo of its facets.
+template <class Value>
+PH_INLINE bool sample_rough(const Microfacets& facets, Vec3 wo, Vec2 u, BsdfSample& out,
+                            Value&& value) {
+  const Vec3 above = {wo.x, wo.y, abs(wo.z)};
+  const Vec3 wi = mirrored(above, sample_visible_normal(facets, above, u));
+  const ConductorValue f = value(above, wi);
+  out.wi = {wi.x, wi.y, copysign(wi.z, wo.z)};
+  out.weight = f.value * (1.0f / f.pdf);
+  out.pdf = f.pdf;
+  return (wi.z > 0.0f) & (f.pdf > 0.0f);
+}
+
+template <Facets kDistribution>
+PH_INLINE ConductorValue evaluate(const PlainConductor<kDistribution>& m, Vec3 wo, Vec3 wi) {
+  return rough_value(m, m.facets(), false, 1.0f, wo, wi);
+}
+template <Facets kDistribution>
+PH_INLINE bool sample(const PlainConductor<kDistribution>& m, Vec3 wo, const BsdfDraws& u,
+                      BsdfSample& out) {
+  return sample_rough(m.facets(), wo, u.direction, out,
+                      [&](Vec3 from, Vec3 to) { return evaluate(m, from, to); });
+}
+
+// A smooth one, also as Mirror
+template <class Material>
+PH_INLINE bool mirror(const Material& m, Vec3 wo, BsdfSample& out) {
+  out.wi = {-wo.x, -wo.y, wo.z};
+  out.weight = m.color * fresnel_conductor(abs(wo.z), m.eta, m.k);
+  out.delta = true;
+  return true;
+}
+PH_INLINE ConductorValue evaluate(const Mirror&, Vec3, Vec3) { return {{0, 0, 0}, 0.0f}; }
+PH_INLINE bool sample(const Mirror& m, Vec3 wo, const BsdfDraws&, BsdfSample& out) {
+  return mirror(m, wo, out);
 }
 
 // Rough, isotropic or brushed, of all bounces
@@ -181,24 +226,15 @@ PH_INLINE ConductorValue rough_value(const Conductor& m, const SeenConductor& se
 }
 
 PH_INLINE ConductorValue evaluate(const Conductor& m, const SeenConductor& seen, Vec3 wo, Vec3 wi) {
-  const ConductorValue f = rough_value(m, seen, wo, wi);
-  const float rough = smooth(seen.facets) ? 0.0f : 1.0f;
-  return {f.value * rough, f.pdf * rough};
+  if (smooth(seen.facets)) return {{0, 0, 0}, 0.0f};
+  return rough_value(m, seen, wo, wi);
 }
 
 PH_INLINE bool sample(const Conductor& m, const SeenConductor& seen, Vec3 wo, const BsdfDraws& u,
                       BsdfSample& out) {
-  const bool delta = smooth(seen.facets);
-  const Vec3 above = {wo.x, wo.y, abs(wo.z)}, mirror = {-wo.x, -wo.y, wo.z};
-  const Vec3 rough = mirrored(above, sample_visible_normal(seen.facets, above, u.direction));
-  const ConductorValue f = rough_value(m, seen, above, rough);
-  const bool found = (rough.z > 0.0f) & (f.pdf > 0.0f);
-  const float smooth_share = delta ? 1.0f : 0.0f, scale = delta ? 0.0f : 1.0f / f.pdf;
-  out.wi = select(delta, mirror, Vec3{rough.x, rough.y, copysign(rough.z, wo.z)});
-  out.weight = m.color * fresnel_conductor(above.z, m.eta, m.k) * smooth_share + f.value * scale;
-  out.pdf = f.pdf * (1.0f - smooth_share);
-  out.delta = delta;
-  return delta | found;
+  if (smooth(seen.facets)) return mirror(m, wo, out);
+  return sample_rough(seen.facets, wo, u.direction, out,
+                      [&](Vec3 from, Vec3 to) { return rough_value(m, seen, from, to); });
 }
 
 }  // namespace parhelion::PH_ISA

@@ -17,6 +17,7 @@ struct ThinDielectric {
   Vec3 reflectance, transmittance;
   float roughness;
 
+  using Plain = PlainForms<struct ClearPane>;
   static constexpr bool transmits = true;
   static constexpr bool thin = true;  // has no inside
   static constexpr bool lobe_draws = true;
@@ -35,6 +36,18 @@ PH_INLINE Microfacets microfacets(const ThinDielectric& m) {
 }
 
 PH_INLINE bool is_delta(const ThinDielectric& m) { return smooth(microfacets(m)); }
+
+struct ClearPane {
+  Vec3 color;
+  float ior;
+  Vec3 reflectance, transmittance;
+
+  PH_INLINE static bool fits(const ThinDielectric& m) { return is_delta(m); }
+  PH_INLINE static ClearPane of(const ThinDielectric& m) {
+    return {m.color, m.ior, m.reflectance, m.transmittance};
+  }
+  PH_INLINE ThinDielectric whole() const { return {color, ior, reflectance, transmittance, 0.0f}; }
+};
 
 // Share of the light that a pane mirrors at a cosine: r + (1 - r)^2 r (1 + r^2 + r^4 + ...)
 PH_INLINE float mirrored_share(const ThinDielectric& m, float cosine) {
@@ -79,8 +92,8 @@ inline bool sample(const ThinDielectric& m, Vec3 wo, const BsdfDraws& u, BsdfSam
   const bool mirrors = u.lobe < mirrored_share(m, facing);
   if (delta) {
     out.delta = true;
-    out.wi = mirrors ? Vec3{-wo.x, -wo.y, wo.z} : -wo;
-    out.weight = m.color * (mirrors ? m.reflectance : m.transmittance);
+    out.wi = {-wo.x, -wo.y, mirrors ? wo.z : -wo.z};
+    out.weight = m.color * select(mirrors, m.reflectance, m.transmittance);
     return true;
   }
   out.wi = mirrored(above, normal);

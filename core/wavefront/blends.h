@@ -8,11 +8,25 @@
 
 namespace parhelion::PH_ISA {
 
+// The materials that paths go on by, of blends.
+PH_APART inline void choose_materials(const SceneView& scene, u32 lanes, Paths& p, Vertices& v) {
+  float number[kBatch];
+  turn_to_bounce(p);
+  draw1(p.samplers, kDrawBlend, number);
+  for_each_bit(lanes, [&](u32 k) {
+    const auto here = [&] { return v.surface(k, p.slot.at(k)); };
+    const BlendChoice choice = choose_material(scene, *v.record[k], here, p.width[k], number[k]);
+    v.record[k] = choice.own;
+    v.traits[k] = choice.own->traits;
+    v.set_blend(k, choice);
+  });
+}
+
 // The materials that paths do not go on by, where light is asked for them, too.
 struct Partners {
   u32 lanes = 0;
-  Kinds kinds;
-  Vertices v;  // the surfaces as these materials make them, where there are any lanes
+  Kinds kinds;  // and what follows, where there are any lanes
+  Vertices v;   // the surfaces as these materials make them
 };
 
 template <class Material>
@@ -36,7 +50,8 @@ PH_INLINE bool asks_beside(const MaterialRecord& record, const ParamBlock& block
 // while normals are those of the surface.
 PH_APART inline void approach_partners(const SceneView& scene, Wave& wave, u32 lanes,
                                        const Vertices& v, Partners& others) {
-  others.v = v;
+  static_cast<MetSurfaces&>(others.v) = v;
+  others.kinds = {};
   for_each_bit(lanes, [&](u32 k) {
     others.v.record[k] = v.other[k];
     others.v.traits[k] = v.other[k]->traits;

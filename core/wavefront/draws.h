@@ -12,14 +12,19 @@ struct BounceDraws {
   PH_INLINE BsdfDraws bsdf(u32 i) const { return {{direction[0][i], direction[1][i]}, lobe[i]}; }
 };
 
+// Has the next numbers be those of a bounce.
+PH_INLINE void turn_to_bounce(Paths& p) {
+  for (u32 k = 0; k < kBatch; ++k) p.samplers.dimension[k] = bounce_draw(p.depth[k]);
+}
+
 // All that scattering may need at surfaces of these kinds.
 inline void draw_bounces(Paths& paths, const Kinds& kinds, bool lit, BounceDraws& draws) {
-  SamplerBatch<kBatch>& s = paths.samplers;
+  turn_to_bounce(paths);
+  const SamplerBatch<kBatch>& s = paths.samplers;
   bool lobes = false;
   u32 deepest = 0;
   for_each_kind(kinds, [&]<class Material>(u32) { lobes |= LobeDraws<Material>; });
   for (u32 k = 0; k < kBatch; ++k) {
-    s.dimension[k] = bounce_draw(paths.depth[k]);
     deepest = paths.depth[k] > deepest ? paths.depth[k] : deepest;
   }
   draw2(s, kDrawDirection, draws.direction[0], draws.direction[1]);

@@ -141,7 +141,7 @@ PH_APART inline void travel(Paths& __restrict p, Vertices& __restrict v) {
   }
 }
 
-// The lanes that end where nothing is but a surface; the others scatter, by its own material.
+// The lanes that end where nothing is but a surface; the others scatter by its material.
 PH_APART inline u32 meet_plainly(u32 max_depth, const Paths& __restrict p, Vertices& __restrict v) {
   u32 ends[kBatch];
   for (u32 k = 0; k < kBatch; ++k) {
@@ -157,7 +157,7 @@ PH_INLINE bool meets_more(const SceneView& scene, const RenderView& view, const 
          view.integrator == Integrator::ambient_occlusion;
 }
 
-// What there is where a path has met a surface, and what it gives off.
+// What there is where a path has met a surface, of blends as such, and what it gives off.
 PH_APART inline Fate meet(const SceneView& scene, const RenderView& view, Wave& wave, Vertices& v,
                           u32 k, PathStats& stats) {
   Paths& p = wave.paths;
@@ -209,12 +209,6 @@ PH_APART inline Fate meet(const SceneView& scene, const RenderView& view, Wave& 
   if ((own.traits & kShines) != 0)
     shine = add_emission(scene, view, v.surface(k, p.slot.at(k)), v.emission[k], p, k);
   const MaterialRecord* m = !front && own.back != kNone ? &scene.materials[own.back] : &own;
-  if (m->blend_first != kNone) {
-    const BlendChoice choice = choose_material(scene, *m, v.surface(k, p.slot.at(k)), p.width[k],
-                                               p.samplers.at(k), p.depth[k]);
-    m = choice.own;
-    v.set_blend(k, choice);
-  }
   if (wave.features && first) wave.features[k].emission = shine;
   if (p.depth[k] >= view.max_depth) return Fate::ends;
   if (!front && own.back == kNone) return Fate::ends;

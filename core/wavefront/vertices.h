@@ -43,10 +43,8 @@ struct PlainSurfaces {
   Rows<BsdfValue, kBatch> scattered;
 };
 
-// Where paths have met surfaces: what one step of a bounce hands on to the next.
-struct Vertices : PlainSurfaces {
-  Rows<PrimitiveBlock, kBatch> primitive;  // what has been met, of shapes that are found together
-  // As in Surface
+// Surfaces that paths have met, as in Surface, whatever scatters there.
+struct MetSurfaces {
   Rows<Vec3, kBatch> point, normal, shading;
   Rows<Vec2, kBatch> parameter;
   float error[kBatch];
@@ -59,9 +57,13 @@ struct Vertices : PlainSurfaces {
   Rows<Vec2, kBatch> uv;
   Rows<Vec3, kBatch> dpdu, dpdv;
   float uv_rate[kBatch];
-  u32 parametrised;  // bits for those where uv and what follows may be other than 0
-
   u32 front[kBatch];  // the surface is seen from its outside
+};
+
+// Where paths have met surfaces: what one step of a bounce hands on to the next.
+struct Vertices : MetSurfaces, PlainSurfaces {
+  Rows<PrimitiveBlock, kBatch> primitive;  // what has been met, of shapes that are found together
+  u32 parametrised;  // bits for those where uv and what comes of it may be other than 0
   // What scatters: the surface's material or another that stands for it, and its parameters here,
   // which are the record's or `own`, but for a primitive's own colour: `parameters` has that, too.
   const MaterialRecord* record[kBatch];

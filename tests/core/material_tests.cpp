@@ -151,12 +151,14 @@ void plain_materials_are_the_whole() {
                                     block(MaterialKind::metal, {0.7f, 0.5f, 0.3f, 0.4f}),
                                     block(MaterialKind::metal, {1.0f, 1.0f, 1.0f, 1.0f})});
   const auto metal = Cloud::metal;
+  plain_is_the_whole<Conductor, Mirror>(
+      {metal(0.0f, 0.0f, 0, 0), metal(0.0f, 0.5f, 1, 1), metal(0.01f, 0.0f, 0, 0)});
   plain_is_the_whole<Conductor, PlainConductor<Facets::ggx>>(
-      {metal(0.3f, 0.0f, 0, 1), metal(0.9f, -0.7f, 0, 1), metal(0.0f, 0.0f, 0, 0),
-       metal(0.0101f, 0.0f, 0, 1), metal(1.0f, 0.99f, 0, 1)});
+      {metal(0.3f, 0.0f, 0, 1), metal(0.9f, -0.7f, 0, 1), metal(0.0101f, 0.0f, 0, 1),
+       metal(1.0f, 0.99f, 0, 1)});
   plain_is_the_whole<Conductor, PlainConductor<Facets::beckmann>>(
-      {metal(0.3f, 0.0f, 1, 1), metal(0.9f, -0.7f, 1, 1), metal(0.0f, 0.0f, 1, 0),
-       metal(0.0101f, 0.0f, 1, 1), metal(1.0f, 0.99f, 1, 1)});
+      {metal(0.3f, 0.0f, 1, 1), metal(0.9f, -0.7f, 1, 1), metal(0.0101f, 0.0f, 1, 1),
+       metal(1.0f, 0.99f, 1, 1)});
   plain_is_the_whole<Conductor, CompensatedConductor<Facets::ggx, false>>(
       {metal(0.3f, 0.0f, 0, 0), metal(0.0101f, 0.0f, 0, 0), metal(1.0f, 0.0f, 0, 0)});
   plain_is_the_whole<Conductor, CompensatedConductor<Facets::beckmann, false>>(
@@ -283,6 +285,10 @@ void plain_materials_are_the_whole() {
                                   {0, 0, 1}, {0, 0, 1});
   const float base = 0.96f * 0.96f / (kPi * 2.25f * (1.0f - 0.596345f));
   CHECK(std::abs(down.value.x - 0.8f * base) < 1e-5f && down.value.y == 0.0f);
+  plain_is_the_whole<ThinDielectric, ClearPane>(
+      {block(MaterialKind::thin_dielectric, {1, 1, 1, 1.5f, 1, 1, 1, 1, 1, 1, 0}),
+       block(MaterialKind::thin_dielectric,
+             {0.9f, 0.8f, 1, 0.6f, 0.5f, 1, 0.7f, 1, 0.6f, 1, 0.005f})});
   plain_is_the_whole<Dielectric, PlainDielectric>(
       {block(MaterialKind::dielectric, {1, 1, 1, 1.5f, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 0}),
        block(MaterialKind::dielectric,
