@@ -568,20 +568,78 @@ PH_INLINE void intersect(const CurveBlock& block, const Ray& ray, float limit, u
   }
 }
 
-// Where a ray meets the surface at distance t. The parameter is (the share of a ribbon's width, v).
-// The true surface of a ribbon is the tube that it stands for, up to its radius away.
-inline void surface(const Curve& c, const Ray& ray, float t, SurfacePoint& out) {
+// Where along the curve a place on its surface belongs to, at distance t from c.start along the
+// ray: spheres around all other places of the curve are farther from it. Within a hundredth or so.
+inline double nearest_along(const CurveSeen& c, bool flat, double t) {
+  alignas(64) static constexpr float kMiddles[16] = {
+      0.5f / 16, 1.5f / 16, 2.5f / 16,  3.5f / 16,  4.5f / 16,  5.5f / 16,  6.5f / 16,  7.5f / 16,
+      8.5f / 16, 9.5f / 16, 10.5f / 16, 11.5f / 16, 12.5f / 16, 13.5f / 16, 14.5f / 16, 15.5f / 16};
+  const Lanes v = load(kMiddles);
+  const auto along = [&](double c0, double c1, double c2, double c3) {
+    const auto of = [](double x) { return all(static_cast<float>(x)); };
+    return of(c0) + (of(c1) + (of(c2) + of(c3) * v) * v) * v;
+  };
+  const DVec3 place = c.direction * t;
+  const DVec3(&p)[4] = c.way.of;
+  const double (&r)[4] = c.width.of;
+  const Lanes x = along(p[0].x - place.x, p[1].x, p[2].x, p[3].x);
+  const Lanes y = along(p[0].y - place.y, p[1].y, p[2].y, p[3].y);
+  const Lanes z = along(p[0].z - place.z, p[1].z, p[2].z, p[3].z);
+  Lanes far = x * x + y * y + z * z;
+  if (!flat) {
+    const Lanes radius = along(r[0], r[1], r[2], r[3]);
+    far = far - radius * radius;
+  }
+  float of[16];
+  store(of, far);
+  int near = 0;
+  for (int k = 1; k < 16; ++k) near = of[k] < of[near] ? k : near;
+  float shift = 0.5f;
+  if (near > 0 && near < 15) {  // by a parabola through it and its neighbours
+    const float before = of[near - 1] - of[near], after = of[near + 1] - of[near];
+    if (before + after > 0.0f) shift += 0.5f * (before - after) / (before + after);
+  }
+  return (static_cast<float>(near) + shift) / 16.0f;
+}
+
+// A distance in float tells a place to half of this share of it.
+inline constexpr double kCurveUnit = 0x1p-23;
+
+// Where a ray meets the curve at distance t, straight from that; false where it may be another
+// place as well, or an end.
+inline bool met_at(const CurveSeen& c, bool flat, float t, CurveHit& hit) {
+  const double unit = t * kCurveUnit;
+  double at = t - c.start, v = nearest_along(c, flat, at);
+  if (!(flat ? refine_flat(c, at, v) : refine_round(c, at, v))) return false;
+  if (v < 0.0 || v > 1.0 || abs(at + c.start - t) > 0.5 * unit) return false;
+  // From there back to where it entered.
+  const double back = flat ? 0.0 : 2.0 * dot(c.direction * at - c.way.at(v), c.direction);
+  hit = {at + c.start, v, back > 0.0};
+  return back <= 0.0 || back > 16.0 * unit;
+}
+
+// The same of all places where it meets the curve.
+inline CurveHit nearest_met(const Curve& c, const Ray& ray, float t) {
+  const double unit = t * kCurveUnit;
   CurveHit best = {t, 0.5, false};
   double off = static_cast<double>(kInfinity);
   meet(c, ray.origin, ray.direction, t, t, [&](const CurveHit& hit) {
     // Of two that are nearer to each other than t tells, the one first met.
-    const double apart = abs(hit.t - t) + (hit.leaving ? t * 0x1p-23 : 0.0);
+    const double apart = abs(hit.t - t) + (hit.leaving ? unit : 0.0);
     if (apart < off) off = apart, best = hit;
-    return apart <= t * 0x1p-24;
+    return apart <= 0.5 * unit;
   });
+  return best;
+}
+
+// Where a ray meets the surface at distance t. The parameter is (the share of a ribbon's width, v).
+// The true surface of a ribbon is the tube that it stands for, up to its radius away.
+inline void surface(const Curve& c, const Ray& ray, float t, SurfacePoint& out) {
   const CurveSeen s = seen_along(c, ray.origin, ray.direction);
-  const CurveJet j = jet(s, best.v);
-  const DVec3 d = s.direction, from_axis = d * (best.t - s.start) - j.p;
+  CurveHit hit;
+  if (!met_at(s, (c.flags & kCurveFlat) != 0, t, hit)) hit = nearest_met(c, ray, t);
+  const CurveJet j = jet(s, hit.v);
+  const DVec3 d = s.direction, from_axis = d * (hit.t - s.start) - j.p;
   if (c.flags & kCurveFlat) {
     const DVec3 tangent = normalize(j.p1);
     const DVec3 normal = normalize(tangent * dot(d, tangent) - d);
@@ -589,14 +647,14 @@ inline void surface(const Curve& c, const Ray& ray, float t, SurfacePoint& out) 
     const DVec3 place = j.p + cross(tangent, normal) * across + d * s.start;
     out.point = to_float(to_double(ray.origin) + place);
     out.normal = to_float(normal);
-    out.parameter = {static_cast<float>(0.5 + 0.5 * across / j.r), static_cast<float>(best.v)};
+    out.parameter = {static_cast<float>(0.5 + 0.5 * across / j.r), static_cast<float>(hit.v)};
     out.error = static_cast<float>(j.r);
     return;
   }
   const DVec3 normal = normalize(from_axis);
   out.point = to_float(to_double(ray.origin) + d * s.start + j.p + normal * j.r);
   out.normal = to_float(normal);
-  out.parameter = {0.0f, static_cast<float>(best.v)};
+  out.parameter = {0.0f, static_cast<float>(hit.v)};
   out.error = 0.0f;
 }
 

@@ -494,6 +494,37 @@ void curves_are_found_again() {
   }
 }
 
+// Places that are told by their distance are those that all of the curve's would be told by.
+void curves_places_are_told_by_distance() {
+  int asked = 0, told = 0;
+  for (int i = 0; i < 4000; ++i) {
+    const bool flat = i % 2 == 0;
+    const float radius = i % 4 < 2 ? 0.02f : i % 8 < 4 ? 0.06f : 1e-4f;
+    const u32 flags = flat ? u32{kCurveFlat} : kCurveCapStart | kCurveCapEnd;
+    const Curve c = any_curve(radius, 0.3f, i % 3 == 0 ? 1e-3f : 0.05f, flags);
+    const float far = i % 16 < 8 ? 2.0f : 100.0f;
+    for (int k = 0; k < 10; ++k) {
+      const Vec3 way = any_direction(), from = c.point[1], on = c.point[2] - from;
+      const Vec3 at = from + on * uniform() + any_direction() * (radius * 1.1f * uniform());
+      const Ray ray = {at - way * far, way, kNoSlot, false};
+      const CurveSeen s = seen_along(c, ray.origin, ray.direction);
+      meet(c, ray.origin, ray.direction, 0.0, kInfinity, [&](const CurveHit& hit) {
+        const float t = static_cast<float>(hit.t);
+        const CurveHit wanted = nearest_met(c, ray, t);
+        CurveHit found;
+        ++asked;
+        if (met_at(s, flat, t, found)) {
+          ++told;
+          CHECK(found.leaving == wanted.leaving);
+          CHECK(std::abs(found.t - wanted.t) < 1e-8 && std::abs(found.v - wanted.v) < 1e-7);
+        }
+        return false;
+      });
+    }
+  }
+  CHECK(told > asked * 9 / 10);
+}
+
 // A ray that only just enters a tube which is nearly straight, and misses the cone around its ends.
 void grazed_curves_are_entered() {
   const Curve c = {{{0, 0, 0},
@@ -768,6 +799,7 @@ int main() {
   solid_angles();
   spheres_have_longitude_and_latitude();
   curves_are_found_again();
+  curves_places_are_told_by_distance();
   curves_of_a_block_are_met_as_each_alone();
   grazed_curves_are_entered();
   std::printf(failures == 0 ? "shapes: ok\n" : "shapes: %d failures\n", failures);
