@@ -177,7 +177,7 @@ struct Cubic {
   float weight[4];
 };
 
-PH_INLINE Cubic cubic(float x, u32 n) {
+PH_INLINE Cubic cubic(float x, int n) {
   const float at = clamp_positive(x, 0.0f, 1.0f) * static_cast<float>(n - 1);
   const float whole = static_cast<float>(static_cast<int>(at));
   const float first = clamp_positive(whole - 1.0f, 0.0f, static_cast<float>(n - 4));
@@ -359,25 +359,34 @@ inline Bounces count_bounces(const Microfacets& d, Vec3 w, float eta, bool corre
   return {sum.reflected / all, sum.refracted / all};
 }
 
+// Where the tables of isotropic glass have the light from w: of that from within where eta, the
+// index of the far side, is below 1.
+struct GlassPlace {
+  Cubic angle, index, alpha;
+  float within;  // 1 or 0
+};
+PH_INLINE GlassPlace glass_place(const Microfacets& d, Vec3 w, float eta) {
+  const bool within = eta < 1.0f;
+  const float alpha = d.alpha_u, z = clamp_positive(abs(w.z), 0.0f, 1.0f);
+  const float inner = inner_coordinate(z, alpha, eta), outer = angle_coordinate(z, alpha);
+  return {cubic(within ? inner : outer, within ? kInnerAngles : kOuterAngles),
+          cubic(index_coordinate(within ? 1.0f / eta : eta), within ? kInnerIndices : kIndices),
+          cubic(sqrt(alpha), within ? kInnerAlphas : kOuterAlphas), within ? 1.0f : 0.0f};
+}
+
 // What glass reflects and refracts together of the light from w.
+inline float glass_albedo(Facets distribution, const GlassPlace& at) {
+  const auto in = [&](const auto* table, u32 indices, u32 alphas, u32 angles) {
+    return grid(table + static_cast<u32>(distribution) * indices * alphas * angles, at.angle,
+                alphas * angles, at.index, angles, at.alpha);
+  };
+  return at.within != 0.0f ? in(kGlassInner, kInnerIndices, kInnerAlphas, kInnerAngles)
+                           : in(kGlassOuter, kIndices, kOuterAlphas, kOuterAngles);
+}
 inline float glass_albedo(const Microfacets& d, Vec3 w, float eta) {
-  if (!isotropic(d)) {
-    const Bounces once = count_bounces(d, w, eta, true);
-    return once.reflected + once.refracted;
-  }
-  const u32 distribution = static_cast<u32>(d.distribution);
-  const float alpha = d.alpha_u, z = min(abs(w.z), 1.0f);
-  if (eta >= 1.0f) {
-    constexpr u32 kRow = kOuterAngles, kPage = kOuterAlphas * kRow;
-    return grid(kGlassOuter + distribution * kIndices * kPage,
-                cubic(angle_coordinate(z, alpha), kOuterAngles), kPage,
-                cubic(index_coordinate(eta), kIndices), kRow, cubic(sqrt(alpha), kOuterAlphas));
-  }
-  constexpr u32 kRow = kInnerAngles, kPage = kInnerAlphas * kRow;
-  return grid(kGlassInner + distribution * kInnerIndices * kPage,
-              cubic(inner_coordinate(z, alpha, eta), kInnerAngles), kPage,
-              cubic(index_coordinate(1.0f / eta), kInnerIndices), kRow,
-              cubic(sqrt(alpha), kInnerAlphas));
+  if (isotropic(d)) return glass_albedo(d.distribution, glass_place(d, w, eta));
+  const Bounces once = count_bounces(d, w, eta, true);
+  return once.reflected + once.refracted;
 }
 
 // A dielectric coat of index eta >= 1, whose reflection is not compensated: what does not come back

@@ -11,6 +11,8 @@ namespace parhelion::PH_ISA {
 
 template <Facets kDistribution>
 struct RoughDielectric;
+template <Facets kDistribution>
+struct CompensatedDielectric;
 
 struct Dielectric {
   Vec3 color;
@@ -20,7 +22,8 @@ struct Dielectric {
   float mirror_pull;
 
   using Plain = PlainForms<struct PlainDielectric, RoughDielectric<Facets::ggx>,
-                           RoughDielectric<Facets::beckmann>>;
+                           RoughDielectric<Facets::beckmann>, CompensatedDielectric<Facets::ggx>,
+                           CompensatedDielectric<Facets::beckmann>>;
   static constexpr bool transmits = true;
   static constexpr bool lobe_draws = true;
   static constexpr const char* doc = "glass, smooth or frosted: reflects and refracts";
@@ -147,41 +150,68 @@ PH_INLINE bool sample(const Frosted& m, Vec3 wo, const BsdfDraws& u, BsdfSample&
   return found & (v.pdf > 0.0f);
 }
 
-// Frosted
+// Frosted, of single bounces
 template <Facets kDistribution>
 struct RoughDielectric {
   Vec3 reflectance, transmittance;
-  float ior, roughness, anisotropy, compensation;
+  float ior, roughness, anisotropy;
+
+  PH_INLINE static bool fits(const Dielectric& m) {
+    const Microfacets d = microfacets(m);
+    return d.distribution == kDistribution && m.compensation >= 0.5f && !smooth(m, d);
+  }
+  PH_INLINE static RoughDielectric of(const Dielectric& m) {
+    return {m.color * m.reflectance, m.color * m.transmittance, m.ior, m.roughness, m.anisotropy};
+  }
+  PH_INLINE Microfacets facets() const {
+    return microfacets(roughness, anisotropy, static_cast<float>(kDistribution));
+  }
+  PH_INLINE Frosted whole() const {
+    return frosted(reflectance, transmittance, ior, facets(), 1.0f, 1.0f);
+  }
+};
+
+// and of all
+template <Facets kDistribution>
+struct CompensatedDielectric {
+  Vec3 reflectance, transmittance;
+  float ior, roughness, anisotropy;
 
   struct From {
     float albedo;
   };
-  using FromPlace = Vec3;
+  struct FromPlace {
+    GlassPlace place;  // of isotropic ones
+    Vec3 wo;
+  };
 
   PH_INLINE static bool fits(const Dielectric& m) {
     const Microfacets d = microfacets(m);
-    return d.distribution == kDistribution && !smooth(m, d);
+    return d.distribution == kDistribution && m.compensation < 0.5f && !smooth(m, d);
   }
-  PH_INLINE static RoughDielectric of(const Dielectric& m) {
-    return {m.color * m.reflectance, m.color * m.transmittance, m.ior, m.roughness, m.anisotropy,
-            m.compensation};
+  PH_INLINE static CompensatedDielectric of(const Dielectric& m) {
+    return {m.color * m.reflectance, m.color * m.transmittance, m.ior, m.roughness, m.anisotropy};
   }
   PH_INLINE Microfacets facets() const {
     return microfacets(roughness, anisotropy, static_cast<float>(kDistribution));
   }
   PH_INLINE Frosted whole(const From& seen) const {
-    return frosted(reflectance, transmittance, ior, facets(), compensation, seen.albedo);
+    return frosted(reflectance, transmittance, ior, facets(), 0.0f, seen.albedo);
   }
 };
 
 template <Facets kDistribution>
-PH_INLINE Vec3 place_from(const RoughDielectric<kDistribution>&, Vec3 wo) {
-  return wo;
+PH_INLINE auto place_from(const CompensatedDielectric<kDistribution>& m, Vec3 wo) {
+  return typename CompensatedDielectric<kDistribution>::FromPlace{
+      glass_place(m.facets(), wo, far_index(m.ior, wo)), wo};
 }
 template <Facets kDistribution>
-inline auto from(const RoughDielectric<kDistribution>& m, Vec3 wo) {
-  const float albedo = frosted_albedo(m.facets(), m.ior, m.compensation, wo);
-  return typename RoughDielectric<kDistribution>::From{albedo};
+inline auto from(const CompensatedDielectric<kDistribution>& m,
+                 const typename CompensatedDielectric<kDistribution>::FromPlace& at) {
+  const Microfacets d = m.facets();
+  const float albedo =
+      isotropic(d) ? glass_albedo(kDistribution, at.place) : frosted_albedo(d, m.ior, 0.0f, at.wo);
+  return typename CompensatedDielectric<kDistribution>::From{albedo};
 }
 
 // Glass as seen from wo, on either side

@@ -527,7 +527,7 @@ struct GlassPrincipled {
   struct From {
     float albedo;
   };
-  using FromPlace = Vec3;
+  using FromPlace = GlassPlace;
 
   PH_INLINE static bool fits(const Principled& m) {
     return m.transmission == 1.0f && m.metallic == 0.0f && m.clearcoat == 0.0f &&
@@ -543,9 +543,11 @@ struct GlassPrincipled {
   }
 };
 
-PH_INLINE Vec3 place_from(const GlassPrincipled&, Vec3 wo) { return wo; }
-inline GlassPrincipled::From from(const GlassPrincipled& m, Vec3 wo) {
-  return {frosted_albedo(m.facets(), m.ior, 0.0f, wo)};
+PH_INLINE GlassPlace place_from(const GlassPrincipled& m, Vec3 wo) {
+  return glass_place(m.facets(), wo, far_index(m.ior, wo));
+}
+inline GlassPrincipled::From from(const GlassPrincipled& m, const GlassPlace& at) {
+  return {glass_albedo(m.facets().distribution, at)};
 }
 
 // What any leaves for each lobe of the light towards wo, above the surface as it is seen.

@@ -298,15 +298,18 @@ void plain_materials_are_the_whole() {
     return block(MaterialKind::dielectric, {0.9f, 0.8f, 1, ior, roughness, anisotropy, distribution,
                                             compensation, 0.5f, 1, 0.7f, 1, 0.6f, 1, 0, 0.4f});
   };
-  const auto frosted = [&](float distribution) {
+  const auto frosted = [&](float distribution, float compensation) {
+    const auto one = [&](float ior, float roughness, float anisotropy) {
+      return glass(ior, roughness, anisotropy, distribution, compensation);
+    };
     return std::vector<ParamBlock>{
-        glass(1.5f, 0.3f, 0, distribution, 1),    glass(1.5f, 0.3f, 0, distribution, 0),
-        glass(0.6f, 1.0f, 0, distribution, 1),    glass(0.6f, 0.5f, 0, distribution, 0),
-        glass(2.5f, 0.0201f, 0, distribution, 1), glass(1.3f, 0.7f, -0.6f, distribution, 1),
-        glass(1.02f, 0.9f, 0, distribution, 1),   glass(1.3f, 0.7f, 0.6f, distribution, 0)};
+        one(1.5f, 0.3f, 0),     one(0.6f, 1.0f, 0),  one(0.6f, 0.5f, 0),   one(2.5f, 0.0201f, 0),
+        one(1.3f, 0.7f, -0.6f), one(1.02f, 0.9f, 0), one(1.3f, 0.7f, 0.6f)};
   };
-  plain_is_the_whole<Dielectric, RoughDielectric<Facets::ggx>>(frosted(0));
-  plain_is_the_whole<Dielectric, RoughDielectric<Facets::beckmann>>(frosted(1));
+  plain_is_the_whole<Dielectric, RoughDielectric<Facets::ggx>>(frosted(0, 1));
+  plain_is_the_whole<Dielectric, RoughDielectric<Facets::beckmann>>(frosted(1, 1));
+  plain_is_the_whole<Dielectric, CompensatedDielectric<Facets::ggx>>(frosted(0, 0));
+  plain_is_the_whole<Dielectric, CompensatedDielectric<Facets::beckmann>>(frosted(1, 0));
   // What is as good as smooth is so on either side of it.
   for_each_plain_form<Dielectric>([&]<class Form>(u32) {
     CHECK(!Form::fits(from_block<Dielectric>(glass(1.5f, 0.01f, 0, 0, 1))));
