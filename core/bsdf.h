@@ -81,10 +81,11 @@ struct PickedLobe {
   bool first;
   Vec2 number;
   bool upper;  // the upper one of the first, if that is two
+  float lobe;  // as in BsdfDraws
 };
-PH_INLINE PickedLobe pick(LobeChances chances, Vec2 u) {
-  const bool first = first_lobe(chances.first, chances.other, u);
-  return {first, u, false};
+PH_INLINE PickedLobe pick(LobeChances chances, BsdfDraws u) {
+  const bool first = first_lobe(chances.first, chances.other, u.direction);
+  return {first, u.direction, false, u.lobe};
 }
 // Of two that are the first, with the chance of the upper one among them.
 PH_INLINE void pick_upper(float part, PickedLobe& lobe) {

@@ -284,7 +284,7 @@ PH_INLINE float scalar(const SceneView& scene, float value, const TextureBinding
 // Share of the light that finds a surface here, not a hole.
 PH_INLINE float opacity(const SceneView& scene, const MaterialRecord& m, const Surface& s,
                         float width) {
-  return scalar(scene, m.opacity, m.opacity_texture, [&] { return s; }, width);
+  return scalar(scene, m.opacity, m.opacity_texture, [&]() -> const Surface& { return s; }, width);
 }
 
 // Calls f(texture) for each texture that stands for parameters of a material, in their order, and

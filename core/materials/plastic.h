@@ -128,7 +128,7 @@ PH_INLINE bool sample(const SmoothPlastic& m, Vec3 wo, const PickedLobe& lobe, B
   return delta | ((matte.z > 0.0f) & (v.pdf > 0.0f));
 }
 PH_INLINE bool sample(const SmoothPlastic& m, Vec3 wo, const BsdfDraws& u, BsdfSample& out) {
-  return sample(m, wo, pick(lobes(m, wo), u.direction), out);
+  return sample(m, wo, pick(lobes(m, wo), u), out);
 }
 
 // Under a rough coat, on either side, of whose light it lets in `through` from both directions.

@@ -657,7 +657,7 @@ inline bool sample(const Principled& m, const Layers& l, Vec3 wo, const BsdfDraw
                    BsdfSample& out) {
   const LayerChances& c = l.shares.chance;
   const LobeChances chances = lobes(c);
-  PickedLobe lobe = pick(chances, u.direction);
+  PickedLobe lobe = pick(chances, u);
   Vec3 wi;
   bool glass = false;
   pick_upper(upper_part(c), lobe);

@@ -569,7 +569,8 @@ PH_INLINE void intersect(const CurveBlock& block, const Ray& ray, float limit, u
 }
 
 // Where along the curve a place on its surface belongs to, at distance t from c.start along the
-// ray: spheres around all other places of the curve are farther from it. Within a hundredth or so.
+// ray: spheres around all other places of the curve are farther from it. Mostly within a hundredth,
+// at the ends within 1/32; of curves that come near themselves it may be elsewhere.
 inline double nearest_along(const CurveSeen& c, bool flat, double t) {
   alignas(64) static constexpr float kMiddles[16] = {
       0.5f / 16, 1.5f / 16, 2.5f / 16,  3.5f / 16,  4.5f / 16,  5.5f / 16,  6.5f / 16,  7.5f / 16,
@@ -611,8 +612,8 @@ inline bool met_at(const CurveSeen& c, bool flat, float t, CurveHit& hit) {
   const double unit = t * kCurveUnit;
   double at = t - c.start, v = nearest_along(c, flat, at);
   if (!(flat ? refine_flat(c, at, v) : refine_round(c, at, v))) return false;
-  if (v < 0.0 || v > 1.0 || abs(at + c.start - t) > 0.5 * unit) return false;
-  // From there back to where it entered.
+  if (!(v >= 0.0 && v <= 1.0 && abs(at + c.start - t) <= 0.5 * unit)) return false;
+  // From there back to where it entered a straight tube at least.
   const double back = flat ? 0.0 : 2.0 * dot(c.direction * at - c.way.at(v), c.direction);
   hit = {at + c.start, v, back > 0.0};
   return back <= 0.0 || back > 16.0 * unit;

@@ -23,10 +23,10 @@ struct Sampled {
 // Which lobes scatter of forms that have two.
 struct PickedLobes {
   u32 first[kBatch], upper[kBatch];
-  float number[2][kBatch];
+  float number[2][kBatch], lobe[kBatch];
 
   PH_INLINE PickedLobe at(u32 k) const {
-    return {first[k] != 0, {number[0][k], number[1][k]}, upper[k] != 0};
+    return {first[k] != 0, {number[0][k], number[1][k]}, upper[k] != 0, lobe[k]};
   }
 };
 
@@ -60,6 +60,7 @@ PH_APART inline void pick_lobes(const Vertices& __restrict v, const BounceDraws&
     const bool is = draws.direction[0][k] < first[k];
     picked.first[k] = is ? 1u : 0u;
     picked.upper[k] = 0;
+    picked.lobe[k] = draws.lobe[k];
     picked.number[0][k] = is ? if_first[k] : if_other[k];
   }
 }

@@ -52,7 +52,6 @@ struct MetSurfaces {
   u32 id[kBatch];
   const ShapeRecord* shape[kBatch];
   const MaterialRecord* material[kBatch];
-  u32 traits[kBatch];  // the material's, then those of what scatters
   Rows<Vec3, kBatch> color;
   Rows<Vec2, kBatch> uv;
   Rows<Vec3, kBatch> dpdu, dpdv;
@@ -63,6 +62,7 @@ struct MetSurfaces {
 // Where paths have met surfaces: what one step of a bounce hands on to the next.
 struct Vertices : MetSurfaces, PlainSurfaces {
   Rows<PrimitiveBlock, kBatch> primitive;  // what has been met, of shapes that are found together
+  u32 traits[kBatch];                      // the material's, then those of what scatters
   u32 parametrised;  // bits for those where uv and what comes of it may be other than 0
   // What scatters: the surface's material or another that stands for it, and its parameters here,
   // which are the record's or `own`, but for a primitive's own colour: `parameters` has that, too.

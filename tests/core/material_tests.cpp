@@ -76,7 +76,7 @@ bool sample_plainly(const Form& form, Vec3 wo, const baseline::BsdfDraws& u,
                     baseline::BsdfSample& out) {
   if constexpr (baseline::NeedsTables<Form>) {
     const auto seen = seen_from(form, wo);
-    baseline::PickedLobe lobe = pick(lobes(form, seen), u.direction);
+    baseline::PickedLobe lobe = pick(lobes(form, seen), u);
     if constexpr (requires { upper_part(form, seen); }) pick_upper(upper_part(form, seen), lobe);
     Vec3 wi;
     return choose(form, lobe, wo, wi) &&
@@ -289,6 +289,13 @@ void plain_materials_are_the_whole() {
       {block(MaterialKind::thin_dielectric, {1, 1, 1, 1.5f, 1, 1, 1, 1, 1, 1, 0}),
        block(MaterialKind::thin_dielectric,
              {0.9f, 0.8f, 1, 0.6f, 0.5f, 1, 0.7f, 1, 0.6f, 1, 0.005f})});
+  const auto frosted_pane = [](float ior, float roughness) {
+    return block(MaterialKind::thin_dielectric,
+                 {0.9f, 0.8f, 1, ior, 0.5f, 1, 0.7f, 1, 0.6f, 1, roughness});
+  };
+  plain_is_the_whole<ThinDielectric, RoughPane>(
+      {frosted_pane(1.5f, 0.0201f), frosted_pane(1.5f, 0.3f), frosted_pane(0.7f, 0.6f),
+       frosted_pane(1.0f, 0.5f), frosted_pane(3.0f, 1.0f)});
   plain_is_the_whole<Dielectric, PlainDielectric>(
       {block(MaterialKind::dielectric, {1, 1, 1, 1.5f, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 0}),
        block(MaterialKind::dielectric,

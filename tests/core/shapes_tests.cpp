@@ -516,7 +516,9 @@ void curves_places_are_told_by_distance() {
         if (met_at(s, flat, t, found)) {
           ++told;
           CHECK(found.leaving == wanted.leaving);
-          CHECK(std::abs(found.t - wanted.t) < 1e-8 && std::abs(found.v - wanted.v) < 1e-7);
+          // Less where rays only touch, or see a ribbon along its length
+          CHECK(std::abs(found.t - wanted.t) <= t * kCurveUnit);
+          CHECK(std::abs(found.v - wanted.v) < 1e-5);
         }
         return false;
       });
