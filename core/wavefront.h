@@ -99,7 +99,7 @@ inline Vec3 radiance(const SceneView& scene, const RenderView& view, u32 x, u32 
   begin_paths(scene, view, batch);
   Wave wave;
   Vertices vertices = {};
-  Partners partners = {};
+  Partners partners;
   begin(scene, view, batch, 1, wave, stats);
   watch(Step::begins, wave, nullptr, 0, wave.alive != 0 ? Fate::passes : Fate::ends);
   while (wave.alive != 0) {

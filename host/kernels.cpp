@@ -20,7 +20,7 @@ void render(const SceneView& scene, const RenderView& view, Samples& samples, Pa
   Wave wave, fresh;
   wave.groups = fresh.groups = samples.groups();
   Vertices vertices = {};
-  Partners partners = {};
+  Partners partners;
   CameraBatch<kBatch> batch;
   u32 n = 0;              // samples in the batch that began last
   Features seen[kBatch];  // of both: with features the one is empty when it takes all of the other

@@ -25,8 +25,9 @@ PH_APART inline void choose_materials(const SceneView& scene, u32 lanes, Paths& 
 // The materials that paths do not go on by, where light is asked for them, too.
 struct Partners {
   u32 lanes = 0;
-  Kinds kinds;  // and what follows, where there are any lanes
-  Vertices v;   // the surfaces as these materials make them
+  bool begun = false;  // all of v has been written
+  Kinds kinds;         // and what follows, where there are any lanes
+  Vertices v;          // the surfaces as these materials make them
 };
 
 template <class Material>
@@ -50,7 +51,12 @@ PH_INLINE bool asks_beside(const MaterialRecord& record, const ParamBlock& block
 // while normals are those of the surface.
 PH_APART inline void approach_partners(const SceneView& scene, Wave& wave, u32 lanes,
                                        const Vertices& v, Partners& others) {
-  static_cast<MetSurfaces&>(others.v) = v;
+  if (others.begun) {
+    static_cast<MetSurfaces&>(others.v) = v;
+  } else {
+    others.v = v;
+    others.begun = true;
+  }
   others.kinds = {};
   for_each_bit(lanes, [&](u32 k) {
     others.v.record[k] = v.other[k];
