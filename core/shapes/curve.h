@@ -607,16 +607,18 @@ inline double nearest_along(const CurveSeen& c, bool flat, double t) {
 inline constexpr double kCurveUnit = 0x1p-23;
 
 // Where a ray meets the curve at distance t, straight from that; false where it may be another
-// place as well, or an end.
+// place as well, or an end. Off by a thousandth of the radius will do: in instances t is rounded as
+// distances from farther away are.
 inline bool met_at(const CurveSeen& c, bool flat, float t, CurveHit& hit) {
-  const double unit = t * kCurveUnit;
   double at = t - c.start, v = nearest_along(c, flat, at);
   if (!(flat ? refine_flat(c, at, v) : refine_round(c, at, v))) return false;
-  if (!(v >= 0.0 && v <= 1.0 && abs(at + c.start - t) <= 0.5 * unit)) return false;
+  const double half = 0.5 * kCurveUnit * t, little = 1e-3 * c.width.at(v);
+  const double room = half > little ? half : little;
+  if (!(v >= 0.0 && v <= 1.0 && abs(at + c.start - t) <= room)) return false;
   // From there back to where it entered a straight tube at least.
   const double back = flat ? 0.0 : 2.0 * dot(c.direction * at - c.way.at(v), c.direction);
   hit = {at + c.start, v, back > 0.0};
-  return back <= 0.0 || back > 16.0 * unit;
+  return back <= 0.0 || back > 32.0 * room;
 }
 
 // The same of all places where it meets the curve.
