@@ -159,12 +159,14 @@ class Source:
         """Our text for msgspec's "Expected `int`, got `str` - at `$.meshes[0].mode`"."""
         if isinstance(error, RecursionError):
             return self.error(f"{start}: is nested too deeply" if start else "is nested too deeply")
-        if isinstance(error, UnicodeDecodeError):
+        malformed = not isinstance(error, msgspec.ValidationError)
+        # msgspec says so itself from 0.23 on.
+        if isinstance(error, UnicodeDecodeError) or (malformed and "UTF-8" in str(error)):
             return self.error(f"{start}: holds text that is not UTF-8".lstrip(": "))
         what, _, place = str(error).partition(" - at `$")
         place = (start + place.rstrip("`")).lstrip(".")
         what = what.replace("`", "")
-        if not isinstance(error, msgspec.ValidationError):
+        if malformed:
             what = what if what.startswith("JSON") else f"its JSON is not complete: {what}"
         return self.error(f"{place}: {what}" if place else what)
 
